@@ -10,9 +10,9 @@
 //! what every zonal and spherical-harmonic coefficient describes. Angles are radians inside; degrees exist in files and
 //! at the prompt only.
 
+pub mod basis;
 pub mod geometry;
-// pub mod basis;
-// pub mod optics;
+pub mod optics;
 // pub mod radiometry;
 // pub mod store;
 pub mod reflectance;

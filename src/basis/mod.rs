@@ -1,0 +1,11 @@
+//! The zonal basis, real spherical harmonics, and the way from one to the other. Pure.
+//!
+//! Both bases are one family, [`Harmonics`], on different domains: the zone stretched to the sphere is the sphere. Index
+//! `k = l(l+1) + m`, no Condon-Shortley phase, sin(|m| phi) for m < 0, orthonormal for dw = sin(theta) dtheta dphi.
+
+mod conversion;
+mod harmonics;
+mod jacobi;
+
+pub use conversion::{Block, Conversion, ConversionError, Method, gram_condition};
+pub use harmonics::{Harmonics, MAX_ORDER, OrderError, index, lm, size};

@@ -1,0 +1,159 @@
+//! Pixels to directions and back.
+
+use nalgebra::Vector3;
+
+use super::{Arm, Mirrors};
+use crate::geometry::{Direction, Sample, Zone};
+
+/// An ideal lens at the centre of projection, looking down the optical axis.
+///
+/// Pixel coordinates are continuous: the centre of pixel (column i, row j) is (i + 1/2, j + 1/2).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lens {
+    /// Image distance in pixels.
+    pub focal_px: f64,
+    /// Column coordinate of the optical axis.
+    pub centre_u: f64,
+    /// Row coordinate of the optical axis.
+    pub centre_v: f64,
+    /// Which arm of the beam splitter it looks through.
+    pub arm: Arm,
+}
+
+impl Lens {
+    /// Unit vector, in the rig frame, of the ray through (u, v). The reflected arm mirrors y: phi becomes -phi.
+    pub fn ray(&self, u: f64, v: f64) -> Vector3<f64> {
+        let y = (self.centre_v - v) / self.focal_px;
+        let x = (u - self.centre_u) / self.focal_px;
+        Vector3::new(x, self.arm.handedness() * y, -1.0).normalize()
+    }
+
+    /// The pixel coordinates of a ray: inverse of [`Lens::ray`].
+    pub fn pixel(&self, ray: &Vector3<f64>) -> (f64, f64) {
+        let scale = self.focal_px / -ray.z;
+        (self.centre_u + ray.x * scale, self.centre_v - self.arm.handedness() * ray.y * scale)
+    }
+}
+
+/// The nominal map between the pixels of one device and directions at the sample.
+#[derive(Debug, Clone)]
+pub struct OpticalMap {
+    mirrors: Mirrors,
+    lens: Lens,
+    theta_max: f64,
+}
+
+impl OpticalMap {
+    /// The map of a lens through mirrors whose dome is made up to `theta_max` (radians).
+    pub fn new(mirrors: Mirrors, lens: Lens, theta_max: f64) -> Self {
+        Self { mirrors, lens, theta_max }
+    }
+
+    /// The direction at the sample that belongs to the point (u, v) of the image; `None` where its ray misses a mirror.
+    pub fn direction(&self, u: f64, v: f64) -> Option<Direction<Sample>> {
+        let path = self.mirrors.trace(&self.lens.ray(u, v))?;
+        if path.paraboloid.x.hypot(path.paraboloid.y) > self.mirrors.edge_radius() * (1.0 + 1e-12) {
+            return None;
+        }
+        let d = Direction::new_unchecked(path.direction());
+        (d.theta() <= self.theta_max + 1e-9).then_some(d)
+    }
+
+    /// The point of the image that a direction at the sample comes from; `None` beyond the dome. Inverse of
+    /// [`OpticalMap::direction`] to 1e-9 px.
+    pub fn pixel(&self, d: &Direction<Sample>) -> Option<(f64, f64)> {
+        let theta = d.theta();
+        if theta > self.theta_max {
+            return None;
+        }
+        // theta grows with the radius on the paraboloid: bisect, the dome has no closed inverse.
+        let angle = |rho: f64| self.mirrors.profile(rho).map_or(f64::INFINITY, |p| p.x.atan2(p.z));
+        let (mut lo, mut hi) = (0.0, self.mirrors.edge_radius());
+        for _ in 0..60 {
+            let mid = 0.5 * (lo + hi);
+            if angle(mid) < theta { lo = mid } else { hi = mid }
+        }
+        let rho = 0.5 * (lo + hi);
+        let slope = rho / (self.mirrors.centre().z - self.mirrors.paraboloid_height(rho));
+        let (sin_phi, cos_phi) = d.phi().sin_cos();
+        Some(self.lens.pixel(&Vector3::new(slope * cos_phi, slope * sin_phi, -1.0)))
+    }
+
+    /// Solid angle at the sample of the unit square centred on (u, v), steradians; 0 where a ray misses.
+    pub fn pixel_solid_angle(&self, u: f64, v: f64) -> f64 {
+        let at = |du: f64, dv: f64| self.direction(u + du, v + dv).map(|d| d.vector());
+        match (at(0.5, 0.0), at(-0.5, 0.0), at(0.0, 0.5), at(0.0, -0.5)) {
+            (Some(e), Some(w), Some(s), Some(n)) => (e - w).cross(&(s - n)).norm(),
+            _ => 0.0,
+        }
+    }
+
+    /// Radius in pixels, from the optical axis, of the circle that shows the polar angle `theta` (radians).
+    pub fn radius_px(&self, theta: f64) -> Option<f64> {
+        let (u, v) = self.pixel(&Direction::from_angles(theta, 0.0))?;
+        Some((u - self.lens.centre_u).hypot(v - self.lens.centre_v))
+    }
+
+    /// Half-open bounding box (u0, v0, u1, v1) in whole pixels of a zone's image, one pixel of margin, clipped to the panel.
+    pub fn bounding_box(&self, zone: &Zone, width: usize, height: usize) -> Option<[usize; 4]> {
+        let r = self.radius_px(zone.theta_max().min(self.theta_max))? + 1.0;
+        let lo = |c: f64| (c - r).floor().max(0.0) as usize;
+        let hi = |c: f64, n: usize| ((c + r).ceil().max(0.0) as usize).min(n);
+        let (c_u, c_v) = (self.lens.centre_u, self.lens.centre_v);
+        Some([lo(c_u), lo(c_v), hi(c_u, width), hi(c_v, height)])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn map(arm: Arm) -> OpticalMap {
+        let mirrors = Mirrors::new(405.0, 4.0, 135.0, 126.5).unwrap();
+        OpticalMap::new(mirrors, Lens { focal_px: 5903.0, centre_u: 680.0, centre_v: 512.0, arm }, 90f64.to_radians())
+    }
+
+    #[test]
+    fn radii_of_the_camera_image() {
+        let m = map(Arm::Transmitted);
+        for (theta_deg, px) in [(90.0f64, 372.0), (57.0, 221.0), (9.15, 34.0)] {
+            assert!((m.radius_px(theta_deg.to_radians()).unwrap() - px).abs() < 0.6, "{theta_deg}");
+        }
+    }
+
+    #[test]
+    fn the_reflected_arm_mirrors_the_azimuth() {
+        let (t, r) = (map(Arm::Transmitted), map(Arm::Reflected));
+        let (dt, dr) = (t.direction(780.0, 400.0).unwrap(), r.direction(780.0, 400.0).unwrap());
+        assert!((dt.theta() - dr.theta()).abs() < 1e-12 && (dt.phi() + dr.phi()).abs() < 1e-12);
+        assert!(dt.phi() > 0.0); // rows count downwards, y upwards
+    }
+
+    #[test]
+    fn solid_angles_of_pixels_fill_the_zone() {
+        let m = map(Arm::Transmitted);
+        let zone = Zone::from_degrees(20.0, 57.0).unwrap();
+        let mut sum = 0.0;
+        for j in 280..744 {
+            for i in 448..912 {
+                let (u, v) = (i as f64 + 0.5, j as f64 + 0.5);
+                if m.direction(u, v).is_some_and(|d| zone.contains(d.theta())) {
+                    sum += m.pixel_solid_angle(u, v);
+                }
+            }
+        }
+        assert!((sum / zone.solid_angle() - 1.0).abs() < 1e-3, "{}", sum / zone.solid_angle());
+    }
+
+    proptest! {
+        #[test]
+        fn pixel_and_direction_are_inverse(theta in 0.02..1.55f64, phi in -3.1..3.1f64, mirrored: bool) {
+            let m = map(if mirrored { Arm::Reflected } else { Arm::Transmitted });
+            let d = Direction::from_angles(theta, phi);
+            let (u, v) = m.pixel(&d).unwrap();
+            let back = m.direction(u, v).unwrap();
+            prop_assert!((back.vector() - d.vector()).norm() < 1e-9);
+        }
+    }
+}

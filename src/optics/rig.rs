@@ -1,0 +1,446 @@
+//! The rig file: what the instrument is made of, with units in every key.
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use super::{Lens, Mirrors, OpticalMap};
+use crate::geometry::{Zone, ZoneError};
+
+/// Version of the rig file this program writes and the newest it reads.
+pub const FORMAT: u32 = 1;
+
+/// Why a rig cannot work.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum RigError {
+    /// The text is not a rig file.
+    #[error("not a rig file: {0}")]
+    Toml(String),
+    /// Written by a newer program.
+    #[error("rig format {found} is newer than {FORMAT}, the newest this version reads: update zonal")]
+    Format {
+        /// The version found.
+        found: u32,
+    },
+    /// A quantity outside its range.
+    #[error("{key} = {value} is out of range: {expected}")]
+    Range {
+        /// The key, with its section.
+        key: &'static str,
+        /// The value found.
+        value: f64,
+        /// What it should be.
+        expected: &'static str,
+    },
+    /// The zone's limits make no sense.
+    #[error("[zone]: {0}")]
+    Zone(#[from] ZoneError),
+    /// No dome goes with these mirrors.
+    #[error(
+        "no ray from the lens reaches the dome's rim at {rim_radius_mm} mm: with vertex_height_mm = {vertex_height_mm} and \
+         focal_length_mm = {focal_length_mm} the rays miss the dome; lengthen the rim, flatten the paraboloid or raise it"
+    )]
+    MissesDome {
+        /// Rim radius, mm.
+        rim_radius_mm: f64,
+        /// Height of the paraboloid's vertex, mm.
+        vertex_height_mm: f64,
+        /// Its focal length, mm.
+        focal_length_mm: f64,
+    },
+    /// The zone begins inside the paraboloid's shadow.
+    #[error(
+        "zone.theta_min_deg = {theta_min_deg} lies in the paraboloid's shadow, which ends at {shadow_deg:.2} deg: raise \
+         theta_min_deg or reduce paraboloid.edge_radius_mm"
+    )]
+    Shadow {
+        /// The zone's lower limit, degrees.
+        theta_min_deg: f64,
+        /// The end of the shadow, degrees.
+        shadow_deg: f64,
+    },
+    /// The zone ends beyond the mirrors.
+    #[error(
+        "zone.theta_max_deg = {theta_max_deg} is beyond what the mirrors reach, {reach_deg:.2} deg: lower it or enlarge \
+         dome.theta_max_deg and paraboloid.edge_radius_mm"
+    )]
+    Unreached {
+        /// The zone's upper limit, degrees.
+        theta_max_deg: f64,
+        /// What mirrors reach, degrees.
+        reach_deg: f64,
+    },
+    /// The zone's image does not fit the panel or sensor.
+    #[error(
+        "the zone's image needs a radius of {radius_px:.0} px but {device} has {available_px:.0}: use a shorter focal length"
+    )]
+    OffPanel {
+        /// `camera` or `projector`.
+        device: &'static str,
+        /// Radius of the zone's image, px.
+        radius_px: f64,
+        /// Half of the shorter side, px.
+        available_px: f64,
+    },
+}
+
+/// A rig: nominal dimensions of mirrors, lenses and devices. Lengths in mm, the sample at height 0.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rig {
+    /// File format version.
+    pub format: u32,
+    /// Name of the rig.
+    pub name: String,
+    /// Where its numbers come from.
+    pub source: String,
+    /// Height of the common centre of projection of camera and projector.
+    pub centre_height_mm: f64,
+    /// The measured zone.
+    pub zone: ZoneLimits,
+    /// The convex mirror.
+    pub paraboloid: Paraboloid,
+    /// The concave mirror.
+    pub dome: Dome,
+    /// The camera.
+    pub camera: Camera,
+    /// The projector.
+    pub projector: Projector,
+}
+
+/// Limits of the measured zone.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ZoneLimits {
+    /// Smallest polar angle.
+    pub theta_min_deg: f64,
+    /// Largest polar angle.
+    pub theta_max_deg: f64,
+}
+
+/// The convex paraboloid above the sample.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Paraboloid {
+    /// Focal length f of z = h - rho^2 / (4 f).
+    pub focal_length_mm: f64,
+    /// Height h of its vertex above the sample.
+    pub vertex_height_mm: f64,
+    /// Radius it is trimmed to; without it, the radius of the edge ray that meets the dome's rim.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub edge_radius_mm: Option<f64>,
+}
+
+/// The concave dome.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Dome {
+    /// Radius of the (possibly virtual) rim in the sample's plane: fixes the profile.
+    pub rim_radius_mm: f64,
+    /// Polar angle, seen from the sample, at which the dome as built ends.
+    pub theta_max_deg: f64,
+}
+
+/// Which arm of the beam splitter a device looks through.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Arm {
+    /// Straight through.
+    Transmitted,
+    /// Reflected: mirrors phi to -phi.
+    Reflected,
+}
+
+impl Arm {
+    /// +1, or -1 where the arm mirrors the image.
+    pub fn handedness(self) -> f64 {
+        match self {
+            Arm::Transmitted => 1.0,
+            Arm::Reflected => -1.0,
+        }
+    }
+}
+
+/// Arrangement of colour filters on the sensor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Mosaic {
+    /// Bayer: red at even column and even row, blue at odd and odd, green elsewhere.
+    Rggb,
+    /// No filters: the one channel serves as red, green and blue.
+    Mono,
+}
+
+impl Mosaic {
+    /// The channels (0 red, 1 green, 2 blue) to which pixel (column, row) contributes.
+    pub fn channels(self, column: usize, row: usize) -> &'static [usize] {
+        match (self, column % 2, row % 2) {
+            (Mosaic::Mono, _, _) => &[0, 1, 2],
+            (Mosaic::Rggb, 0, 0) => &[0],
+            (Mosaic::Rggb, 1, 1) => &[2],
+            (Mosaic::Rggb, _, _) => &[1],
+        }
+    }
+}
+
+/// Camera: lens and sensor. Its sensor figures follow EMVA 1288.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Camera {
+    /// Arm of the beam splitter.
+    pub arm: Arm,
+    /// Focal length of the (thin) lens.
+    pub focal_length_mm: f64,
+    /// Distance it is focused at.
+    pub focus_mm: f64,
+    /// Focal length over pupil diameter.
+    pub f_number: f64,
+    /// Pixel pitch, micrometres.
+    pub pitch_um: f64,
+    /// Columns.
+    pub width_px: usize,
+    /// Rows.
+    pub height_px: usize,
+    /// Colour filters.
+    pub mosaic: Mosaic,
+    /// Bits per sample.
+    pub bits: u32,
+    /// Conversion gain, DN per electron.
+    pub gain_dn_per_e: f64,
+    /// Temporal dark noise, electrons.
+    pub dark_noise_e: f64,
+    /// Saturation capacity, electrons.
+    pub full_well_e: f64,
+    /// Mean value in darkness, DN.
+    pub black_level_dn: f64,
+    /// End of the linear range, DN: samples at or above it are not used.
+    pub linear_limit_dn: f64,
+    /// Fastest frame rate, Hz.
+    pub max_frame_rate_hz: f64,
+}
+
+/// Projector: lens, panel and timing.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Projector {
+    /// Arm of the beam splitter.
+    pub arm: Arm,
+    /// Focal length of the (thin) lens.
+    pub focal_length_mm: f64,
+    /// Distance it is focused at.
+    pub focus_mm: f64,
+    /// Focal length over pupil diameter.
+    pub f_number: f64,
+    /// Pixel pitch, micrometres.
+    pub pitch_um: f64,
+    /// Columns.
+    pub width_px: usize,
+    /// Rows.
+    pub height_px: usize,
+    /// Refresh rate, Hz; its colours follow each other within one refresh, so exposures are whole multiples of 1/rate.
+    pub refresh_hz: f64,
+}
+
+impl Rig {
+    /// Reads and checks a rig file's text.
+    ///
+    /// # Errors
+    /// [`RigError`], naming key and remedy.
+    pub fn from_toml(text: &str) -> Result<Self, RigError> {
+        let rig: Self = toml::from_str(text).map_err(|e| RigError::Toml(e.to_string()))?;
+        rig.check()?;
+        Ok(rig)
+    }
+
+    /// The rig as TOML.
+    pub fn to_toml(&self) -> String {
+        toml::to_string_pretty(self).expect("plain numbers and strings")
+    }
+
+    /// The measured zone.
+    pub fn zone(&self) -> Zone {
+        Zone::from_degrees(self.zone.theta_min_deg, self.zone.theta_max_deg).expect("checked when read")
+    }
+
+    /// The mirrors.
+    pub fn mirrors(&self) -> Mirrors {
+        self.try_mirrors().expect("checked when read")
+    }
+
+    /// Radius of the paraboloid as made, mm.
+    pub fn paraboloid_radius_mm(&self) -> f64 {
+        self.paraboloid.edge_radius_mm.unwrap_or(f64::INFINITY).min(self.mirrors().edge_radius())
+    }
+
+    /// The camera's nominal map.
+    pub fn camera_map(&self) -> OpticalMap {
+        OpticalMap::new(self.mirrors(), self.camera.lens(), self.dome.theta_max_deg.to_radians())
+    }
+
+    /// The projector's nominal map.
+    pub fn projector_map(&self) -> OpticalMap {
+        OpticalMap::new(self.mirrors(), self.projector.lens(), self.dome.theta_max_deg.to_radians())
+    }
+
+    fn try_mirrors(&self) -> Option<Mirrors> {
+        let p = &self.paraboloid;
+        Mirrors::new(self.centre_height_mm, p.focal_length_mm, p.vertex_height_mm, self.dome.rim_radius_mm)
+    }
+
+    fn check(&self) -> Result<(), RigError> {
+        if self.format > FORMAT {
+            return Err(RigError::Format { found: self.format });
+        }
+        let (c, p) = (&self.camera, &self.projector);
+        let positive = [
+            ("centre_height_mm", self.centre_height_mm),
+            ("paraboloid.focal_length_mm", self.paraboloid.focal_length_mm),
+            ("paraboloid.vertex_height_mm", self.paraboloid.vertex_height_mm),
+            ("dome.rim_radius_mm", self.dome.rim_radius_mm),
+            ("camera.focal_length_mm", c.focal_length_mm),
+            ("camera.f_number", c.f_number),
+            ("camera.pitch_um", c.pitch_um),
+            ("camera.gain_dn_per_e", c.gain_dn_per_e),
+            ("camera.dark_noise_e", c.dark_noise_e),
+            ("camera.full_well_e", c.full_well_e),
+            ("camera.linear_limit_dn", c.linear_limit_dn),
+            ("camera.max_frame_rate_hz", c.max_frame_rate_hz),
+            ("projector.focal_length_mm", p.focal_length_mm),
+            ("projector.f_number", p.f_number),
+            ("projector.pitch_um", p.pitch_um),
+            ("projector.refresh_hz", p.refresh_hz),
+        ];
+        for (key, value) in positive {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(RigError::Range { key, value, expected: "a positive number" });
+            }
+        }
+        let within = |key, value: f64, lo: f64, hi: f64, expected| {
+            if value >= lo && value <= hi { Ok(()) } else { Err(RigError::Range { key, value, expected }) }
+        };
+        within("camera.bits", f64::from(c.bits), 8.0, 16.0, "8..=16 bits")?;
+        let top = f64::from((1u32 << c.bits) - 1);
+        within("camera.black_level_dn", c.black_level_dn, 0.0, top, "0..=2^bits - 1")?;
+        within(
+            "camera.linear_limit_dn",
+            c.linear_limit_dn,
+            c.black_level_dn + 1.0,
+            top,
+            "above black, at most 2^bits - 1",
+        )?;
+        for (key, value) in [
+            ("camera.width_px", c.width_px),
+            ("camera.height_px", c.height_px),
+            ("projector.width_px", p.width_px),
+            ("projector.height_px", p.height_px),
+        ] {
+            within(key, value as f64, 16.0, 16384.0, "16..=16384 pixels")?;
+        }
+        within("camera.focus_mm", c.focus_mm, c.focal_length_mm * 1.001, 1e9, "farther than the focal length")?;
+        within("projector.focus_mm", p.focus_mm, p.focal_length_mm * 1.001, 1e9, "farther than the focal length")?;
+        within("dome.theta_max_deg", self.dome.theta_max_deg, 1.0, 90.0, "1..=90 degrees")?;
+        within("zone.theta_max_deg", self.zone.theta_max_deg, -1e9, 90.0, "at most 90 degrees")?;
+        let zone = Zone::from_degrees(self.zone.theta_min_deg, self.zone.theta_max_deg)?;
+        let mirrors = self.try_mirrors().ok_or(RigError::MissesDome {
+            rim_radius_mm: self.dome.rim_radius_mm,
+            vertex_height_mm: self.paraboloid.vertex_height_mm,
+            focal_length_mm: self.paraboloid.focal_length_mm,
+        })?;
+        self.check_reach(&zone, &mirrors)
+    }
+
+    fn check_reach(&self, zone: &Zone, mirrors: &Mirrors) -> Result<(), RigError> {
+        if let Some(value) = self.paraboloid.edge_radius_mm
+            && !(value > 0.0 && value.is_finite())
+        {
+            return Err(RigError::Range { key: "paraboloid.edge_radius_mm", value, expected: "a positive number" });
+        }
+        let edge = self.paraboloid_radius_mm();
+        let shadow = mirrors.shadow(edge);
+        if zone.theta_min() < shadow - 1e-9 {
+            return Err(RigError::Shadow { theta_min_deg: self.zone.theta_min_deg, shadow_deg: shadow.to_degrees() });
+        }
+        let reach = mirrors.profile(edge).map_or(0.0, |p| p.x.atan2(p.z)).min(self.dome.theta_max_deg.to_radians());
+        if zone.theta_max() > reach + 1e-9 {
+            return Err(RigError::Unreached { theta_max_deg: self.zone.theta_max_deg, reach_deg: reach.to_degrees() });
+        }
+        let panels = [
+            ("camera", self.camera_map(), self.camera.width_px.min(self.camera.height_px)),
+            ("projector", self.projector_map(), self.projector.width_px.min(self.projector.height_px)),
+        ];
+        for (device, map, side) in panels {
+            let radius_px = map.radius_px(zone.theta_max()).unwrap_or(f64::INFINITY);
+            let available_px = side as f64 / 2.0;
+            if radius_px > available_px {
+                return Err(RigError::OffPanel { device, radius_px, available_px });
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Camera {
+    /// The nominal lens, its axis through the middle of the sensor.
+    pub fn lens(&self) -> Lens {
+        lens(self.arm, self.focal_length_mm, self.focus_mm, self.pitch_um, self.width_px, self.height_px)
+    }
+
+    /// Largest value a sample can have.
+    pub fn white_dn(&self) -> u16 {
+        ((1u32 << self.bits) - 1) as u16
+    }
+}
+
+impl Projector {
+    /// The nominal lens, its axis through the middle of the panel.
+    pub fn lens(&self) -> Lens {
+        lens(self.arm, self.focal_length_mm, self.focus_mm, self.pitch_um, self.width_px, self.height_px)
+    }
+}
+
+/// A thin lens focused at `focus`: the image lies at 1 / (1/f - 1/focus).
+fn lens(arm: Arm, focal_length_mm: f64, focus_mm: f64, pitch_um: f64, width: usize, height: usize) -> Lens {
+    let image_mm = 1.0 / (1.0 / focal_length_mm - 1.0 / focus_mm);
+    Lens { focal_px: image_mm / (pitch_um * 1e-3), centre_u: width as f64 / 2.0, centre_v: height as f64 / 2.0, arm }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BUILT: &str = include_str!("../../optics/ghosh-2007-built.toml");
+    const FULL: &str = include_str!("../../optics/ghosh-2007-full.toml");
+
+    #[test]
+    fn both_thesis_rigs_are_consistent() {
+        let built = Rig::from_toml(BUILT).unwrap();
+        assert!((built.camera.lens().focal_px - 5903.0).abs() < 1.0);
+        assert!((built.projector.lens().focal_px - 4450.0).abs() < 1.0);
+        assert!((built.projector_map().radius_px(57f64.to_radians()).unwrap() - 167.0).abs() < 1.0);
+        let full = Rig::from_toml(FULL).unwrap();
+        assert!((full.projector_map().radius_px(90f64.to_radians()).unwrap() - 281.0).abs() < 1.0);
+    }
+
+    #[test]
+    fn rig_files_survive_a_round_trip() {
+        let rig = Rig::from_toml(BUILT).unwrap();
+        assert_eq!(Rig::from_toml(&rig.to_toml()).unwrap(), rig);
+    }
+
+    #[test]
+    fn each_impossible_rig_is_named() {
+        let error = |from: &str, to: &str| {
+            let text = BUILT.replacen(from, to, 1);
+            assert_ne!(text, BUILT, "{from}");
+            Rig::from_toml(&text).unwrap_err()
+        };
+        assert!(matches!(error("theta_min_deg = 9.0", "theta_min_deg = 60.0"), RigError::Zone(_)));
+        assert!(matches!(error("theta_min_deg = 9.0", "theta_min_deg = 5.0"), RigError::Shadow { .. }));
+        assert!(matches!(error("theta_max_deg = 57.0", "theta_max_deg = 80.0"), RigError::Unreached { .. }));
+        assert!(matches!(error("rim_radius_mm = 126.5", "rim_radius_mm = 0.5"), RigError::MissesDome { .. }));
+        assert!(matches!(error("pitch_um = 4.65", "pitch_um = 0.65"), RigError::OffPanel { device: "camera", .. }));
+        assert!(matches!(error("format = 1", "format = 9"), RigError::Format { found: 9 }));
+        let wrong_unit = error("vertex_height_mm = 135.0", "vertex_height_cm = 13.5").to_string();
+        assert!(wrong_unit.contains("vertex_height_cm") && wrong_unit.contains("line"), "{wrong_unit}");
+        assert!(matches!(error("vertex_height_mm = 135.0", "vertex_height_mm = nan"), RigError::Range { .. }));
+    }
+}
