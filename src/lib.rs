@@ -13,10 +13,10 @@
 pub mod basis;
 pub mod geometry;
 pub mod optics;
-// pub mod radiometry;
-// pub mod store;
+pub mod patterns;
+pub mod radiometry;
 pub mod reflectance;
-// pub mod patterns;
+pub mod store;
 // pub mod capture;
 // pub mod reduce;
 // pub mod calibrate;

@@ -1,0 +1,314 @@
+//! Positive and negative lobes of the zonal functions, integrated over the projector's pixels.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::basis::{Harmonics, OrderError, lm, size};
+use crate::geometry::Zone;
+use crate::optics::OpticalMap;
+use crate::radiometry::{FlatField, Response};
+use crate::store::{self, Layers, Plane, StoreError};
+
+/// Which part of a function is shown: light cannot be negative.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Sign {
+    /// max(Z, 0).
+    Positive,
+    /// max(-Z, 0).
+    Negative,
+}
+
+/// One lobe of the zonal function k = l(l+1) + m.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Lobe {
+    /// Index of the function.
+    pub k: usize,
+    /// Which part of it.
+    pub sign: Sign,
+}
+
+impl Lobe {
+    /// A file name stem that sorts in the order of showing: `004_l2_m-2_a` for a positive, `_b` for a negative lobe.
+    pub fn stem(&self) -> String {
+        let (l, m) = lm(self.k);
+        let part = match self.sign {
+            Sign::Positive => "a_positive",
+            Sign::Negative => "b_negative",
+        };
+        format!("{:03}_l{l}_m{m:+}_{part}", self.k)
+    }
+}
+
+/// A frame for the projector: one 8-bit code for each pixel, row by row.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Pattern {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Codes, row by row.
+    pub codes: Arc<[u8]>,
+}
+
+impl Pattern {
+    /// A frame of one code.
+    pub fn full(width: usize, height: usize, code: u8) -> Self {
+        Self { width, height, codes: vec![code; width * height].into() }
+    }
+
+    /// Writes an 8-bit grey PNG, whole or not at all.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn write_png(&self, path: &Path) -> Result<(), StoreError> {
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        let image = image::GrayImage::from_raw(self.width as u32, self.height as u32, self.codes.to_vec())
+            .expect("one code for each pixel");
+        image
+            .write_to(&mut bytes, image::ImageFormat::Png)
+            .map_err(|e| StoreError::invalid(path, format!("cannot encode PNG: {e}")))?;
+        store::write(path, &bytes.into_inner())
+    }
+}
+
+/// The two frames of one function, with the one scale they share.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LobePair {
+    /// Index of the function.
+    pub k: usize,
+    /// The positive and the negative lobe.
+    pub patterns: [Pattern; 2],
+    /// Light, in units of full white, that stands for a function value of 1: the same for both lobes, so that black level
+    /// and ambient light cancel in their difference.
+    pub scale: f64,
+    /// `scale` times what 8-bit codes leave of it: the share of the function in the light that is really shown. The lobe
+    /// difference is divided by this.
+    pub gain: f64,
+}
+
+/// The lobes of a zonal basis on one projector, before encoding.
+///
+/// Each pixel shows the mean of max(+-Z, 0) over its area; the zone's edge is antialiased by the same integral, and all
+/// is black outside.
+#[derive(Debug, Clone)]
+pub struct Lobes {
+    order: usize,
+    width: usize,
+    height: usize,
+    /// (u0, v0, u1, v1): nothing is lit outside.
+    bounds: [usize; 4],
+    /// Solid angle of each pixel in `bounds`, sr; 0 beyond the zone.
+    solid_angle: Vec<f32>,
+    /// Per function, per pixel in `bounds`: means of max(Z, 0) and max(-Z, 0).
+    parts: Vec<[Vec<f32>; 2]>,
+}
+
+/// Subsamples along each side of a pixel: an edge is antialiased to 1/64.
+const SUBSAMPLES: usize = 8;
+
+impl Lobes {
+    /// Integrates all functions of `zone` up to `order` over the pixels of a panel.
+    ///
+    /// # Errors
+    /// [`OrderError`].
+    ///
+    /// # Panics
+    /// If the zone lies beyond the map's dome; a checked rig's does not.
+    pub fn new(map: &OpticalMap, zone: Zone, order: usize, width: usize, height: usize) -> Result<Self, OrderError> {
+        let basis = Harmonics::zonal(zone, order)?;
+        let bounds = map.bounding_box(&zone, width, height).expect("a checked rig shows its zone");
+        let [u0, v0, u1, v1] = bounds;
+        let n = size(order);
+        let pixels: Vec<(f32, Vec<[f32; 2]>)> = (0..(u1 - u0) * (v1 - v0))
+            .into_par_iter()
+            .map_init(
+                || (vec![0.0; n], vec![[0.0f64; 2]; n]),
+                |(values, sums), p| {
+                    let (u, v) = ((u0 + p % (u1 - u0)) as f64, (v0 + p / (u1 - u0)) as f64);
+                    let lit = integrate_pixel(map, &basis, u, v, values, sums);
+                    if lit == 0 {
+                        return (0.0, Vec::new());
+                    }
+                    let per_sample = 1.0 / (SUBSAMPLES * SUBSAMPLES) as f64;
+                    let means = sums.iter().map(|s| s.map(|x| (x * per_sample) as f32)).collect();
+                    (solid_angle(map, u, v) as f32, means)
+                },
+            )
+            .collect();
+        let part = |k: usize, s: usize| pixels.iter().map(|p| p.1.get(k).map_or(0.0, |m| m[s])).collect();
+        let parts = (0..n).into_par_iter().map(|k| [part(k, 0), part(k, 1)]).collect();
+        let solid_angle = pixels.iter().map(|p| p.0).collect();
+        Ok(Self { order, width, height, bounds, solid_angle, parts })
+    }
+
+    /// The order.
+    pub fn order(&self) -> usize {
+        self.order
+    }
+
+    /// The frames of function `k`: scaled, divided by the flat field, sent through the inverse response, quantised.
+    pub fn encode(&self, k: usize, response: &Response, flat: &FlatField) -> LobePair {
+        let [u0, v0, u1, v1] = self.bounds;
+        let flat_at = |p: usize| f64::from(flat.values[(v0 + p / (u1 - u0)) * self.width + u0 + p % (u1 - u0)]);
+        let pixels = self.solid_angle.len();
+        let peak = self.parts[k]
+            .iter()
+            .flat_map(|part| part.iter().enumerate().map(|(p, &value)| f64::from(value) / flat_at(p)))
+            .fold(0.0, f64::max);
+        let scale = 1.0 / peak;
+        let (mut shown_power, mut wanted_power) = (0.0, 0.0);
+        let patterns = [0, 1].map(|s| {
+            let mut codes = vec![0u8; self.width * self.height];
+            for p in 0..pixels {
+                let value = f64::from(self.parts[k][s][p]);
+                if value == 0.0 {
+                    continue;
+                }
+                let code = response.code(value * scale / flat_at(p));
+                codes[(v0 + p / (u1 - u0)) * self.width + u0 + p % (u1 - u0)] = code;
+                let shown = response.level(code) * flat_at(p);
+                let z = f64::from(self.parts[k][0][p]) - f64::from(self.parts[k][1][p]);
+                let weight = if s == 0 { z } else { -z } * f64::from(self.solid_angle[p]);
+                shown_power += shown * weight;
+                wanted_power += value * scale * weight;
+            }
+            Pattern { width: self.width, height: self.height, codes: codes.into() }
+        });
+        LobePair { k, patterns, scale, gain: scale * shown_power / wanted_power }
+    }
+
+    /// Writes the linear, signed function as shown by ideal pixels (1/sqrt(sr)) to an OpenEXR file.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn write_exr(&self, k: usize, path: &Path) -> Result<(), StoreError> {
+        let [u0, v0, u1, _] = self.bounds;
+        let mut values = vec![0.0; self.width * self.height];
+        for p in 0..self.solid_angle.len() {
+            values[(v0 + p / (u1 - u0)) * self.width + u0 + p % (u1 - u0)] = self.parts[k][0][p] - self.parts[k][1][p];
+        }
+        let mut image = Layers::new(self.width, self.height);
+        image.plane("Y", Plane::Float(values));
+        image.attribute("zonal_content", "zonal basis function, mean over each projector pixel");
+        image.attribute("zonal_units", "1/sqrt(sr)");
+        image.attribute("zonal_k", k as f64);
+        image.write(path)
+    }
+}
+
+/// Adds up both parts of all functions over the pixel with the corner (u, v); the number of subsamples in the zone.
+fn integrate_pixel(
+    map: &OpticalMap,
+    basis: &Harmonics,
+    u: f64,
+    v: f64,
+    values: &mut [f64],
+    sums: &mut [[f64; 2]],
+) -> usize {
+    sums.fill([0.0; 2]);
+    let zone = basis.zone();
+    let mut lit = 0;
+    for j in 0..SUBSAMPLES {
+        for i in 0..SUBSAMPLES {
+            let at = |i: usize| (i as f64 + 0.5) / SUBSAMPLES as f64;
+            let Some(d) = map.direction(u + at(i), v + at(j)) else { continue };
+            let mu = d.cos_theta();
+            if mu > zone.cos_min() || mu < zone.cos_max() {
+                continue;
+            }
+            lit += 1;
+            basis.eval_direction_into(&d, values);
+            for (sum, &z) in sums.iter_mut().zip(values.iter()) {
+                sum[0] += z.max(0.0);
+                sum[1] += (-z).max(0.0);
+            }
+        }
+    }
+    lit
+}
+
+fn solid_angle(map: &OpticalMap, u: f64, v: f64) -> f64 {
+    map.pixel_solid_angle(u + 0.5, v + 0.5)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optics::Rig;
+
+    fn lobes(order: usize) -> (Rig, Lobes) {
+        let rig = Rig::from_toml(include_str!("../../optics/ghosh-2007-built.toml")).unwrap();
+        let p = &rig.projector;
+        let lobes = Lobes::new(&rig.projector_map(), rig.zone(), order, p.width_px, p.height_px).unwrap();
+        (rig, lobes)
+    }
+
+    /// Of z_00. Pixels are 0.35 deg wide; a centre stands for its pixel to second order.
+    const PIXELATION: f64 = 2e-4;
+
+    #[test]
+    fn a_diffuse_sample_answers_the_pixels_with_its_analytic_coefficients() {
+        let (rig, lobes) = lobes(4);
+        let p = &rig.projector;
+        let map = rig.projector_map();
+        let [u0, v0, u1, _] = lobes.bounds;
+        let cosines: Vec<f64> = (0..lobes.solid_angle.len())
+            .map(|i| map.direction((u0 + i % (u1 - u0)) as f64 + 0.5, (v0 + i / (u1 - u0)) as f64 + 0.5))
+            .map(|d| d.map_or(0.0, |d| d.cos_theta()))
+            .collect();
+        let (a, b) = (rig.zone().cos_min(), rig.zone().cos_max());
+        let z_00 = std::f64::consts::PI * (a + b) * ((a - b) / std::f64::consts::TAU).sqrt();
+        let z_10 = std::f64::consts::PI * (a - b).powf(1.5) / (6.0 * std::f64::consts::PI).sqrt();
+        for k in 0..size(4) {
+            let z = |i: usize| f64::from(lobes.parts[k][0][i]) - f64::from(lobes.parts[k][1][i]);
+            let sum: f64 = (0..cosines.len()).map(|i| z(i) * cosines[i] * f64::from(lobes.solid_angle[i])).sum();
+            let want = match k {
+                0 => z_00,
+                2 => z_10,
+                _ => 0.0,
+            };
+            assert!((sum - want).abs() < PIXELATION * z_00, "{k}: {sum} {want} on {} px", p.width_px);
+        }
+    }
+
+    #[test]
+    fn both_lobes_share_one_scale_and_use_the_whole_range() {
+        let (rig, lobes) = lobes(2);
+        let flat = FlatField::uniform(rig.projector.width_px, rig.projector.height_px);
+        for k in 0..size(2) {
+            let pair = lobes.encode(k, &Response::linear(), &flat);
+            let brightest = pair.patterns.iter().flat_map(|p| p.codes.iter().copied()).max().unwrap();
+            assert_eq!(brightest, 255, "{k}");
+            // 8 bits over some 85,000 pixels: the mean quantisation error vanishes.
+            assert!((pair.gain / pair.scale - 1.0).abs() < 3e-3, "{k}: {} {}", pair.gain, pair.scale);
+        }
+        let dc = lobes.encode(0, &Response::linear(), &flat);
+        assert!(dc.patterns[1].codes.iter().all(|&c| c == 0), "the partner of the constant is black");
+    }
+
+    #[test]
+    fn a_flat_field_is_divided_out() {
+        let (rig, lobes) = lobes(1);
+        let (w, h) = (rig.projector.width_px, rig.projector.height_px);
+        let light = (0..w * h).map(|p| 1.0 - 0.3 * (p % w) as f32 / w as f32).collect();
+        let flat = FlatField::from_light(w, h, light).unwrap();
+        let pair = lobes.encode(0, &Response::linear(), &flat);
+        let shown = |u: usize| {
+            let p = 150 * w + u;
+            f64::from(pair.patterns[0].codes[p]) * f64::from(flat.values[p])
+        };
+        assert!((shown(330) / shown(470) - 1.0).abs() < 1e-2, "one code is 1/200 here");
+    }
+
+    #[test]
+    fn stems_sort_in_the_order_of_showing() {
+        let plan = super::super::Plan::of_order(3);
+        let stems: Vec<_> = plan.lobes().map(|l| l.stem()).collect();
+        assert!(stems.is_sorted());
+        assert_eq!(stems[8], "004_l2_m-2_a_positive");
+    }
+}

@@ -1,0 +1,258 @@
+//! The acquisition plan: frozen, versioned data that iterates into events.
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use super::{Lobe, Sign};
+use crate::basis::size;
+use crate::optics::Rig;
+
+/// Version of the plan file this program writes and the newest it reads.
+pub const FORMAT: u32 = 1;
+
+/// Largest order of an acquisition: 882 patterns.
+pub const MAX_PLAN_ORDER: usize = 20;
+
+/// Why a plan cannot be run.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum PlanError {
+    /// The text is not a plan.
+    #[error("not an acquisition plan: {0}")]
+    Toml(String),
+    /// Written by a newer program.
+    #[error("plan format {found} is newer than {FORMAT}, the newest this version reads: update zonal")]
+    Format {
+        /// The version found.
+        found: u32,
+    },
+    /// A number outside its range.
+    #[error("{key} = {value} is out of range: choose {expected}")]
+    Range {
+        /// The key, with its section.
+        key: &'static str,
+        /// The value found.
+        value: u64,
+        /// What it should be.
+        expected: &'static str,
+    },
+}
+
+/// An acquisition: every lobe of the zonal basis up to an order, in a bracket of exposures.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Plan {
+    /// File format version.
+    pub format: u32,
+    /// Name of the plan.
+    pub name: String,
+    /// Zonal order L: (L+1)^2 functions, two lobes each.
+    pub order: usize,
+    /// How often the whole sequence is taken.
+    pub repeats: usize,
+    /// Exposures of every lobe.
+    pub exposure: ExposureBracket,
+    /// Grid of exitant directions the coefficients are reported on.
+    pub exitant: Exitant,
+}
+
+/// A geometric series of exposures in whole refresh periods of the projector.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ExposureBracket {
+    /// Number of exposures.
+    pub count: u32,
+    /// The shortest, in refresh periods of the projector (1/60 s each at 60 Hz).
+    pub shortest_refreshes: u32,
+    /// Ratio between neighbours.
+    pub spacing: u32,
+}
+
+/// Size of the exitant grid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Exitant {
+    /// Rings in theta.
+    pub rings: usize,
+    /// Sectors in phi.
+    pub sectors: usize,
+}
+
+/// What the clock of the rig allows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Timing {
+    /// Refresh period of the projector, s.
+    pub refresh_s: f64,
+    /// Shortest time from one frame to the next, s.
+    pub min_frame_s: f64,
+}
+
+impl Timing {
+    /// The timing of a rig's devices.
+    pub fn of(rig: &Rig) -> Self {
+        Self { refresh_s: 1.0 / rig.projector.refresh_hz, min_frame_s: 1.0 / rig.camera.max_frame_rate_hz }
+    }
+}
+
+/// One frame to take.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Event {
+    /// Position in the run, from 0.
+    pub index: usize,
+    /// Repeat of the sequence, from 0.
+    pub repeat: usize,
+    /// The lobe shown.
+    pub lobe: Lobe,
+    /// Exposure time, s.
+    pub exposure_s: f64,
+}
+
+/// Predicted wall time on the physical rig, seconds, and what it is spent on.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct RigTime {
+    /// Shutter open.
+    pub exposure_s: f64,
+    /// Waiting for the camera's fastest frame time after short exposures.
+    pub readout_wait_s: f64,
+    /// Pattern changes that such waiting does not hide.
+    pub pattern_change_s: f64,
+}
+
+impl RigTime {
+    /// All together, s.
+    pub fn total_s(&self) -> f64 {
+        self.exposure_s + self.readout_wait_s + self.pattern_change_s
+    }
+}
+
+impl Plan {
+    /// The built-in plan of an order: three exposures of 1, 4 and 16 refresh periods.
+    pub fn of_order(order: usize) -> Self {
+        Self {
+            format: FORMAT,
+            name: format!("order-{order}"),
+            order,
+            repeats: 1,
+            exposure: ExposureBracket { count: 3, shortest_refreshes: 1, spacing: 4 },
+            exitant: Exitant { rings: 32, sectors: 64 },
+        }
+    }
+
+    /// Reads and checks a plan file's text.
+    ///
+    /// # Errors
+    /// [`PlanError`], naming key and remedy.
+    pub fn from_toml(text: &str) -> Result<Self, PlanError> {
+        let plan: Self = toml::from_str(text).map_err(|e| PlanError::Toml(e.to_string()))?;
+        plan.check()?;
+        Ok(plan)
+    }
+
+    /// The plan as TOML.
+    pub fn to_toml(&self) -> String {
+        toml::to_string_pretty(self).expect("plain numbers and strings")
+    }
+
+    /// Number of patterns: two lobes for every function.
+    pub fn images(&self) -> usize {
+        2 * size(self.order)
+    }
+
+    /// Number of camera frames.
+    pub fn frames(&self) -> usize {
+        self.images() * self.exposure.count as usize * self.repeats
+    }
+
+    /// Exposure times in s, longest first: the wait after the shortest hides the change of pattern.
+    pub fn exposures_s(&self, timing: &Timing) -> Vec<f64> {
+        let e = &self.exposure;
+        (0..e.count).rev().map(|i| f64::from(e.shortest_refreshes * e.spacing.pow(i)) * timing.refresh_s).collect()
+    }
+
+    /// The lobes in the order they are shown.
+    pub fn lobes(&self) -> impl Iterator<Item = Lobe> + use<> {
+        (0..size(self.order)).flat_map(|k| [Sign::Positive, Sign::Negative].map(|sign| Lobe { k, sign }))
+    }
+
+    /// Every frame to take, in order.
+    pub fn events(&self, timing: &Timing) -> impl Iterator<Item = Event> {
+        let exposures = self.exposures_s(timing);
+        (0..self.repeats)
+            .flat_map(|repeat| self.lobes().map(move |lobe| (repeat, lobe)))
+            .flat_map(move |(repeat, lobe)| exposures.clone().into_iter().map(move |e| (repeat, lobe, e)))
+            .enumerate()
+            .map(|(index, (repeat, lobe, exposure_s))| Event { index, repeat, lobe, exposure_s })
+    }
+
+    /// Wall time on the physical rig, in closed form.
+    pub fn rig_time(&self, timing: &Timing) -> RigTime {
+        let exposures = self.exposures_s(timing);
+        let shown = (self.images() * self.repeats) as f64;
+        let open: f64 = exposures.iter().sum();
+        let frames: f64 = exposures.iter().map(|&e| e.max(timing.min_frame_s)).sum();
+        let idle = exposures.last().map_or(0.0, |&e| (timing.min_frame_s - e).max(0.0));
+        RigTime {
+            exposure_s: shown * open,
+            readout_wait_s: shown * (frames - open),
+            pattern_change_s: shown * (timing.refresh_s - idle).max(0.0),
+        }
+    }
+
+    fn check(&self) -> Result<(), PlanError> {
+        if self.format > FORMAT {
+            return Err(PlanError::Format { found: self.format });
+        }
+        let e = &self.exposure;
+        let within = |key, value: u64, lo: u64, hi: u64, expected| {
+            if (lo..=hi).contains(&value) { Ok(()) } else { Err(PlanError::Range { key, value, expected }) }
+        };
+        within("order", self.order as u64, 0, MAX_PLAN_ORDER as u64, "0..=20")?;
+        within("repeats", self.repeats as u64, 1, 1000, "1..=1000")?;
+        within("exposure.count", e.count.into(), 1, 8, "1..=8")?;
+        within("exposure.shortest_refreshes", e.shortest_refreshes.into(), 1, 600, "1..=600")?;
+        within("exposure.spacing", e.spacing.into(), 2, 16, "2..=16")?;
+        let longest = u64::from(e.shortest_refreshes) * u64::from(e.spacing).pow(e.count - 1);
+        within("exposure (longest, in refreshes)", longest, 1, 6000, "fewer exposures or a smaller spacing")?;
+        within("exitant.rings", self.exitant.rings as u64, 3, 512, "3..=512")?;
+        within("exitant.sectors", self.exitant.sectors as u64, 4, 1024, "4..=1024")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const THESIS_RIG: Timing = Timing { refresh_s: 1.0 / 60.0, min_frame_s: 1.0 / 15.0 };
+
+    #[test]
+    fn order_4_is_150_frames_in_20_seconds() {
+        let plan = Plan::from_toml(include_str!("../../patterns/order-4.toml")).unwrap();
+        assert_eq!(plan, Plan::of_order(4));
+        assert_eq!((plan.images(), plan.frames()), (50, 150));
+        let time = plan.rig_time(&THESIS_RIG);
+        assert!((time.total_s() - 20.0).abs() < 1e-9, "{time:?}");
+        assert!((time.exposure_s - 17.5).abs() < 1e-9 && time.pattern_change_s == 0.0);
+    }
+
+    #[test]
+    fn events_are_what_the_counts_say() {
+        let plan = Plan { repeats: 2, ..Plan::of_order(2) };
+        let events: Vec<_> = plan.events(&THESIS_RIG).collect();
+        assert_eq!(events.len(), plan.frames());
+        assert!(events.iter().enumerate().all(|(i, e)| e.index == i));
+        assert!(
+            (events.iter().map(|e| e.exposure_s).sum::<f64>() - plan.rig_time(&THESIS_RIG).exposure_s).abs() < 1e-9
+        );
+        assert!((events[0].exposure_s - 16.0 / 60.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn plans_survive_a_round_trip_and_bad_ones_are_named() {
+        let plan = Plan::of_order(6);
+        assert_eq!(Plan::from_toml(&plan.to_toml()).unwrap(), plan);
+        let error = |from: &str, to: &str| Plan::from_toml(&plan.to_toml().replacen(from, to, 1)).unwrap_err();
+        assert!(error("order = 6", "order = 200").to_string().contains("order = 200"));
+        assert!(error("spacing", "spaceing").to_string().contains("spaceing"));
+        assert_eq!(error("format = 1", "format = 2"), PlanError::Format { found: 2 });
+        assert!(matches!(error("count = 3", "count = 8"), PlanError::Range { .. }));
+    }
+}
