@@ -11,13 +11,13 @@
 //! at the prompt only.
 
 pub mod basis;
+pub mod capture;
 pub mod geometry;
 pub mod optics;
 pub mod patterns;
 pub mod radiometry;
 pub mod reflectance;
 pub mod store;
-// pub mod capture;
 // pub mod reduce;
 // pub mod calibrate;
 // pub mod twin;

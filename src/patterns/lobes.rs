@@ -152,7 +152,7 @@ impl Lobes {
 
     /// The frames of function `k`: scaled, divided by the flat field, sent through the inverse response, quantised.
     pub fn encode(&self, k: usize, response: &Response, flat: &FlatField) -> LobePair {
-        let [u0, v0, u1, v1] = self.bounds;
+        let [u0, v0, u1, _] = self.bounds;
         let flat_at = |p: usize| f64::from(flat.values[(v0 + p / (u1 - u0)) * self.width + u0 + p % (u1 - u0)]);
         let pixels = self.solid_angle.len();
         let peak = self.parts[k]

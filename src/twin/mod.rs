@@ -1,0 +1,15 @@
+//! The simulated rig: an independent forward model behind the same traits as real devices.
+//!
+//! `pinhole` traces chief rays through a slightly *perturbed* rig with real mirror intersections, integrates pixels as
+//! areas, and has a real projector's response, contrast and leakage and a real camera's noise, wells and bits. The
+//! reconstruction knows only the nominal rig and what calibrations measured on the perturbed one.
+
+mod bench;
+mod config;
+mod forward;
+mod geometry;
+
+pub use bench::TwinBench;
+pub use config::{Perturbation, TwinConfig};
+pub use forward::{Accuracy, ResponseField, lobe_width};
+pub use geometry::PerturbedDevice;
