@@ -5,11 +5,11 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use zonal::geometry::Direction;
-use zonal::reflectance::{Brdf, Merl, NeuralBrdf, Rgl, abc_materials, open};
+use zonal::reflectance::{Brdf, NeuralBrdf, Rgl, abc_materials, open};
 
 /// Mitsuba computes in f32, where the polar angle of a half vector errs by some 1e-7 rad; the inverse warp of a glossy
 /// material turns that into this much near its peak ...
-const MITSUBA_F32_WORST: f64 = 1e-3;
+const MITSUBA_F32_WORST: f64 = 5e-4;
 /// ... and into this much of a typical value.
 const MITSUBA_F32_TYPICAL: f64 = 2e-6;
 
@@ -51,7 +51,6 @@ fn rgl_files_agree_with_mitsuba() {
         }
         let worst = errors.iter().fold(0f64, |m, e| m.max(*e));
         let typical = median(errors);
-        eprintln!("{name}: {typical:e} {worst:e}");
         assert!(worst < MITSUBA_F32_WORST, "{name}: worst {worst:e}, median {typical:e}");
         assert!(typical < MITSUBA_F32_TYPICAL, "{name}: median {typical:e}");
     }
@@ -104,39 +103,11 @@ fn abc_fits_resemble_the_neural_fits_of_the_same_materials() {
             }
         }
         if ratios.len() > 20 {
-            let ratio = median(ratios);
-            eprintln!("{}: {ratio}", material.name);
-            ratios_of_all.push(ratio);
+            ratios_of_all.push(median(ratios));
         }
     }
     assert!(ratios_of_all.len() > 90);
     let close = ratios_of_all.iter().filter(|r| (1.0 / RATIO..=RATIO).contains(*r)).count();
-    eprintln!("{close} of {}", ratios_of_all.len());
     assert!(close * 10 > ratios_of_all.len() * 8, "{close} of {}", ratios_of_all.len());
     assert!((0.8..1.25).contains(&median(ratios_of_all)));
-}
-
-#[test]
-#[ignore = "timing, not truth: run with --ignored --nocapture"]
-fn nanoseconds_per_evaluation() {
-    let row = NeuralBrdf::read(corpus("merl/nbrdf_merl_f32le.bin"), 0).unwrap();
-    let rgl = Rgl::read(corpus("rgl/chm_orange_rgb.bsdf")).unwrap();
-    let mut merl: Vec<u8> = [90i32, 90, 180].iter().flat_map(|n| n.to_le_bytes()).collect();
-    merl.resize(12 + 3 * 8 * 90 * 90 * 180, 0);
-    let merl = Merl::parse(&merl, "zeros").unwrap();
-    let built_in = ["gray-card", "ggx-0.1", "ggx-0.1-0.4", "chrome"].map(|name| (name, open(name).unwrap()));
-    let mut all: Vec<(&str, &dyn Brdf)> = built_in.iter().map(|(name, brdf)| (*name, brdf.as_ref())).collect();
-    all.extend([("neural", &row as &dyn Brdf), ("rgl", &rgl), ("merl", &merl)]);
-    // The golden ratio spreads the directions over the table.
-    let directions: Vec<_> = (0..4096)
-        .map(|k| Direction::from_angles(1.5 * (f64::from(k) * 0.618).fract(), f64::from(k) * 0.7548))
-        .collect();
-    for (name, brdf) in all {
-        let start = std::time::Instant::now();
-        let mut sum = 0.0;
-        for k in 0..2_000_000usize {
-            sum += brdf.eval(&directions[k % 4096], &directions[(k * 31 + 7) % 4096])[1];
-        }
-        eprintln!("{name}: {:.0} ns (sum {sum:.3})", start.elapsed().as_secs_f64() / 2e6 * 1e9);
-    }
 }

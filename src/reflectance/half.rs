@@ -14,7 +14,8 @@ pub(super) fn half_vector(wi: &Direction<Sample>, wo: &Direction<Sample>) -> Vec
 pub(super) struct HalfDifference {
     /// sin(theta_h), cos(theta_h): the angle between normal and half vector.
     pub half: (f64, f64),
-    /// wi in the frame whose +z is the half vector and whose x-z plane holds the normal: theta_d from +z, phi_d from +x.
+    /// wi in the frame whose +z is the half vector and whose x-z plane holds the normal: theta_d lies between it and
+    /// +z, phi_d is its azimuth from +x.
     pub difference: Vector3<f64>,
 }
 
@@ -22,7 +23,7 @@ impl HalfDifference {
     /// The coordinates of two directions above the surface; phi_h is taken as 0 where the half vector is the normal.
     pub fn new(wi: &Direction<Sample>, wo: &Direction<Sample>) -> Self {
         let h = half_vector(wi, wo);
-        let sin_h = h.x.hypot(h.y);
+        let sin_h = (h.x * h.x + h.y * h.y).sqrt();
         let (cos_phi, sin_phi) = if sin_h > 0.0 { (h.x / sin_h, h.y / sin_h) } else { (1.0, 0.0) };
         let v = wi.vector();
         // wi turned by -phi_h about the normal, then by -theta_h about y.
@@ -38,7 +39,7 @@ impl HalfDifference {
     /// theta_d, radians, 0..=pi/2.
     pub fn theta_d(&self) -> f64 {
         let d = &self.difference;
-        d.x.hypot(d.y).atan2(d.z)
+        (d.x * d.x + d.y * d.y).sqrt().atan2(d.z)
     }
 
     /// phi_d, radians, in (-pi, pi].

@@ -36,8 +36,8 @@ mod tests {
 
     #[test]
     fn albedo_is_exact_at_every_angle() {
-        // The rule's own error: 64 x 96 nodes on a domain whose edge bends sharply when wo is near the horizon.
-        const RULE: f64 = 1e-5;
+        // The rule's own error, on a domain whose edge bends sharply when wo is near the horizon.
+        const RULE: f64 = 1e-9;
         let lambert = Lambert { albedo: [0.18, 0.5, 0.99] };
         for theta in [0.0, 0.3, 0.8, 1.2, 1.5] {
             for (got, want) in lambert.albedo(&Direction::from_angles(theta, 0.7)).into_iter().zip(lambert.albedo) {

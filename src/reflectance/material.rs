@@ -14,9 +14,7 @@ pub enum MaterialError {
     #[error(transparent)]
     Read(#[from] ReadError),
     /// A path of a kind no reader handles.
-    #[error(
-        "{path} is no kind of material file: give a .bsdf (RGL) or .binary (MERL) file, or a name that `zonal materials` lists"
-    )]
+    #[error("{path} is no material file: give a .bsdf (RGL) or .binary (MERL) file, or a name from `zonal materials`")]
     UnknownKind {
         /// The path asked for.
         path: String,

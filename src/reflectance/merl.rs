@@ -18,9 +18,10 @@ const COUNT: usize = CELLS[0] * CELLS[1] * CELLS[2];
 /// An isotropic material as a table over theta_h (square-root spacing), theta_d and phi_d (mod pi).
 ///
 /// Matusik, Pfister, Brand, McMillan, "A data-driven reflectance model", ACM TOG 22(3), 2003. A value belongs to the
-/// *centre* of its cell, since each is the mean of the measurements in the cell. Lookup is trilinear between centres,
-/// clamped at both ends of theta_h and theta_d and periodic in phi_d; cells marked invalid (negative values) are left
-/// out and the other weights scaled up; 0 where all eight are invalid. Reciprocal by construction.
+/// *centre* of its cell: each is the mean of the measurements in the cell, and the reference reader truncates to it.
+/// Lookup is trilinear between centres, clamped at both ends of theta_h and theta_d and periodic in phi_d; cells marked
+/// invalid (negative values) are left out and the other weights scaled up; 0 where all eight are invalid. Reciprocal by
+/// construction.
 #[derive(Debug, Clone)]
 pub struct Merl {
     /// 1/sr; negative: invalid.

@@ -16,8 +16,9 @@ const ROW: usize = INPUTS * HIDDEN + HIDDEN + HIDDEN * HIDDEN + HIDDEN + HIDDEN 
 ///
 /// Sztrajman, Rainer, Ritschel, Weyrich, "Neural BRDF representation and importance sampling", CGF 40(6), 2021. Inputs
 /// are the Rusinkiewicz half vector (phi_h = 0) and difference vector, two hidden layers are rectified, and
-/// f = max(exp(output) - 1, 0) per channel. A file holds rows of 675 little-endian f32: W1\[6\]\[21\], b1, W2\[21\]\[21\],
-/// b2, W3\[21\]\[3\], b3. Not exactly reciprocal.
+/// f = max(exp(output) - 1, 0) per channel. A file holds rows of 675 little-endian f32: the weights of the first layer
+/// (6 x 21, one row per input), its 21 biases, those of the second (21 x 21, 21) and of the last (21 x 3, 3). Not
+/// exactly reciprocal.
 #[derive(Debug, Clone)]
 pub struct NeuralBrdf {
     first: Layer<INPUTS, HIDDEN>,

@@ -20,18 +20,12 @@ const MAX_DIMENSIONS: usize = 16;
 
 /// One array of a tensor file, still as bytes.
 #[derive(Debug, Clone)]
-pub struct Tensor<'a> {
+struct Tensor<'a> {
+    /// Lengths of the dimensions, slowest first.
     shape: Vec<usize>,
     dtype: u8,
     offset: usize,
     bytes: &'a [u8],
-}
-
-impl Tensor<'_> {
-    /// Lengths of the dimensions, slowest first.
-    pub fn shape(&self) -> &[usize] {
-        &self.shape
-    }
 }
 
 /// The fields of a tensor file, borrowed from its bytes.

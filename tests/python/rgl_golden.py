@@ -59,7 +59,8 @@ def write_tensor_file(path, fields):
     for name, array in fields.items():
         dtype = 10 if array.dtype.itemsize == 4 else 1
         header += struct.pack("<H", len(name)) + name.encode()
-        header += struct.pack("<HBQ", array.ndim, dtype, offset + len(data)) + struct.pack(f"<{array.ndim}Q", *array.shape)
+        header += struct.pack("<HBQ", array.ndim, dtype, offset + len(data))
+        header += struct.pack(f"<{array.ndim}Q", *array.shape)
         data += array.tobytes()
     assert len(header) == offset
     with open(path, "wb") as file:
@@ -101,8 +102,8 @@ def main():
             result[name] = evaluate(path, rng)
     for path in sorted(glob.glob(os.path.join(sys.argv[1], "*_rgb.bsdf"))):
         result[os.path.basename(path)] = evaluate(path, rng)
-    body = ",\n".join(f'"{name}": [\n' + ",\n".join(json.dumps(r) for r in rows) + "\n]" for name, rows in result.items())
-    print("{\n" + body + "\n}")
+    rows = {name: ",\n".join(json.dumps(row) for row in rows) for name, rows in result.items()}
+    print("{\n" + ",\n".join(f'"{name}": [\n{body}\n]' for name, body in rows.items()) + "\n}")
 
 
 main()

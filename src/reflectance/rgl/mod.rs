@@ -191,7 +191,7 @@ fn symmetry(phi: &[f64], file: &str) -> Result<Symmetry, ReadError> {
 
 /// Polar angle of a unit vector.
 fn elevation(d: &Vector3<f64>) -> f64 {
-    d.x.hypot(d.y).atan2(d.z)
+    (d.x * d.x + d.y * d.y).sqrt().atan2(d.z)
 }
 
 /// Azimuth in -pi..=pi; 0 at the pole.
