@@ -1,0 +1,139 @@
+//! Microfacets with the GGX distribution.
+
+use std::f64::consts::{FRAC_1_PI, PI};
+
+use nalgebra::Vector3;
+
+use super::Brdf;
+use super::half::half_vector;
+use crate::geometry::{Direction, Sample};
+
+/// f = kd / pi + ks D F G2 / (4 cos(theta_i) cos(theta_o)).
+///
+/// D is the GGX distribution (Walter et al. 2007), G2 the height-correlated Smith term (Heitz 2014), F Schlick's Fresnel
+/// term. Reciprocal. Values outside the ranges given are not checked: the result is then no reflectance.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ggx {
+    /// Roughness along +x (the grain) and along +y, each in (0, 1]; equal for an isotropic surface.
+    pub alpha: [f64; 2],
+    /// Reflectance of a microfacet at normal incidence, linear RGB, 0..=1.
+    pub f0: [f64; 3],
+    /// Weight of the microfacets, 0..=1.
+    pub ks: f64,
+    /// Albedo of the Lambert part, linear RGB, 0..=1.
+    pub kd: [f64; 3],
+}
+
+impl Ggx {
+    /// A surface of microfacets alone (`ks` 1, `kd` 0) with one roughness.
+    pub fn isotropic(alpha: f64, f0: [f64; 3]) -> Self {
+        Self::anisotropic(alpha, alpha, f0)
+    }
+
+    /// A surface of microfacets alone (`ks` 1, `kd` 0) with its own roughness along and across the grain.
+    pub fn anisotropic(alpha_x: f64, alpha_y: f64, f0: [f64; 3]) -> Self {
+        Self { alpha: [alpha_x, alpha_y], f0, ks: 1.0, kd: [0.0; 3] }
+    }
+
+    /// The length of `w` scaled by (alpha_x, alpha_y, 1): cos(theta) sqrt(1 + alpha^2 tan^2(theta)).
+    fn stretched(&self, w: &Vector3<f64>) -> f64 {
+        let (x, y) = (self.alpha[0] * w.x, self.alpha[1] * w.y);
+        (x * x + y * y + w.z * w.z).sqrt()
+    }
+}
+
+impl Brdf for Ggx {
+    fn eval(&self, wi: &Direction<Sample>, wo: &Direction<Sample>) -> [f64; 3] {
+        let (cos_i, cos_o) = (wi.cos_theta(), wo.cos_theta());
+        if cos_i <= 0.0 || cos_o <= 0.0 {
+            return [0.0; 3];
+        }
+        let h = half_vector(wi, wo);
+        let (x, y) = (h.x / self.alpha[0], h.y / self.alpha[1]);
+        let q = x * x + y * y + h.z * h.z;
+        let d = 1.0 / (PI * self.alpha[0] * self.alpha[1] * q * q);
+        // G2 / (4 cos_i cos_o) without the division by the cosines.
+        let visibility = 0.5 / (cos_o * self.stretched(&wi.vector()) + cos_i * self.stretched(&wo.vector()));
+        let schlick = (1.0 - wo.vector().dot(&h).clamp(0.0, 1.0)).powi(5);
+        let lobe = self.ks * d * visibility;
+        std::array::from_fn(|c| self.kd[c] * FRAC_1_PI + lobe * (self.f0[c] + (1.0 - self.f0[c]) * schlick))
+    }
+
+    fn is_isotropic(&self) -> bool {
+        self.alpha[0] == self.alpha[1]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_support::*;
+    use super::*;
+    use proptest::prelude::*;
+
+    const WHITE: [f64; 3] = [1.0; 3];
+
+    #[test]
+    fn matches_the_textbook_form() {
+        // Written out with Lambda(theta) and plain angles, at unequal angles away from the normal.
+        let (theta_i, theta_o, dphi, alpha, f0) = (0.35f64, 0.95f64, 2.6f64, 0.3f64, 0.04f64);
+        let (wi, wo) = (Direction::from_angles(theta_i, 0.4), Direction::from_angles(theta_o, 0.4 + dphi));
+        let lambda = |t: f64| (-1.0 + (1.0 + (alpha * t.tan()).powi(2)).sqrt()) / 2.0;
+        let cos_io = theta_i.cos() * theta_o.cos() + theta_i.sin() * theta_o.sin() * dphi.cos();
+        let cos_d = ((1.0 + cos_io) / 2.0).sqrt();
+        let cos_h = (theta_i.cos() + theta_o.cos()) / (2.0 * cos_d);
+        let d = alpha * alpha / (PI * (cos_h * cos_h * (alpha * alpha - 1.0) + 1.0).powi(2));
+        let f = f0 + (1.0 - f0) * (1.0 - cos_d).powi(5);
+        let g = 1.0 / (1.0 + lambda(theta_i) + lambda(theta_o));
+        let want = 0.2 / PI + 0.8 * d * f * g / (4.0 * theta_i.cos() * theta_o.cos());
+        let ggx = Ggx { ks: 0.8, kd: [0.2; 3], ..Ggx::isotropic(alpha, [f0; 3]) };
+        assert!((ggx.eval(&wi, &wo)[1] / want - 1.0).abs() < 1e-13);
+    }
+
+    #[test]
+    fn white_furnace() {
+        // Single scattering loses energy and must never make any; at alpha -> 0 next to nothing is lost.
+        for alpha in [0.01, 0.05, 0.1, 0.4, 1.0] {
+            for theta in [0.0, 0.4, 0.9, 1.2, 1.4] {
+                let albedo = Ggx::isotropic(alpha, WHITE).albedo(&Direction::from_angles(theta, 0.3))[0];
+                assert!(albedo <= 1.01, "alpha {alpha}, theta {theta}: {albedo}");
+                assert!(alpha > 0.1 || theta > 1.0 || albedo > 0.97, "alpha {alpha}, theta {theta}: {albedo}");
+            }
+        }
+        let brushed = Ggx::anisotropic(0.1, 0.4, WHITE);
+        for phi in [0.0, 0.8, 1.6] {
+            assert!(brushed.albedo(&Direction::from_angles(0.7, phi))[0] <= 1.01);
+        }
+    }
+
+    #[test]
+    fn a_smooth_grain_along_x_spreads_light_across_it() {
+        let brushed = Ggx::anisotropic(0.05, 0.4, WHITE);
+        let normal = Direction::from_angles(0.0, 0.0);
+        let along = brushed.eval(&Direction::from_angles(0.5, 0.0), &normal)[0];
+        let across = brushed.eval(&Direction::from_angles(0.5, PI / 2.0), &normal)[0];
+        assert!(across > 10.0 * along);
+        assert!(!brushed.is_isotropic());
+    }
+
+    #[test]
+    fn is_black_below_and_continuous() {
+        let ggx = Ggx { kd: [0.2; 3], ..Ggx::anisotropic(0.2, 0.5, [0.3, 0.5, 0.9]) };
+        black_below(&ggx);
+        continuous_over_the_wrap(&ggx);
+    }
+
+    proptest! {
+        #[test]
+        fn is_reciprocal(wi in upper(), wo in upper(), x in 0.01..1.0f64, y in 0.01..1.0f64) {
+            reciprocal(&Ggx { kd: [0.1; 3], ..Ggx::anisotropic(x, y, [0.04, 0.5, 1.0]) }, &wi, &wo, 1e-9)?;
+        }
+
+        #[test]
+        fn equal_roughness_is_isotropic(wi in upper(), wo in upper(), angle in -3.0..3.0f64) {
+            let ggx = Ggx::isotropic(0.3, [0.5; 3]);
+            let f = ggx.eval(&wi, &wo)[0];
+            let g = ggx.eval(&wi.rotated_about_normal(angle), &wo.rotated_about_normal(angle))[0];
+            prop_assert!((f - g).abs() <= 1e-10 * f);
+        }
+    }
+}

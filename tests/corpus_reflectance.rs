@@ -1,0 +1,113 @@
+//! Readers of measured reflectance on measured files: `ZONAL_CORPUS=folder cargo test --release --features corpus`.
+#![cfg(feature = "corpus")]
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use zonal::geometry::Direction;
+use zonal::reflectance::{Brdf, NeuralBrdf, Rgl, abc_materials, open};
+
+/// Mitsuba computes in f32, where the polar angle of a half vector errs by some 1e-7 rad; the inverse warp of a glossy
+/// material turns that into this much near its peak ...
+const MITSUBA_F32_WORST: f64 = 5e-4;
+/// ... and into this much of a typical value.
+const MITSUBA_F32_TYPICAL: f64 = 2e-6;
+
+/// A path inside of the corpus.
+fn corpus(path: &str) -> PathBuf {
+    let root = std::env::var_os("ZONAL_CORPUS").expect("set ZONAL_CORPUS to the folder that holds rgl/ and merl/");
+    PathBuf::from(root).join(path)
+}
+
+/// Rows of theta_i, phi_i, theta_o, phi_o and three values.
+fn golden(json: &str) -> BTreeMap<String, Vec<[f64; 7]>> {
+    serde_json::from_str(json).unwrap()
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+/// Names of the RGL files with golden values.
+fn rgl_rows() -> Vec<(String, Vec<[f64; 7]>)> {
+    golden(include_str!("golden/rgl_mitsuba.json")).into_iter().filter(|(name, _)| name.ends_with(".bsdf")).collect()
+}
+
+#[test]
+fn rgl_files_agree_with_mitsuba() {
+    let files = rgl_rows();
+    assert_eq!(files.len(), 9);
+    for (name, rows) in files {
+        let rgl = Rgl::read(corpus("rgl").join(&name)).unwrap();
+        let mut errors = Vec::new();
+        for [theta_i, phi_i, theta_o, phi_o, want @ ..] in rows {
+            let (wi, wo) = (Direction::from_angles(theta_i, phi_i), Direction::from_angles(theta_o, phi_o));
+            // Relative to the brightest channel: others may cancel to nothing.
+            let scale = want.iter().fold(1e-6f64, |m, v| m.max(*v));
+            for (got, want) in rgl.eval_cos(&wi, &wo).into_iter().zip(want) {
+                errors.push((got - want.max(0.0)).abs() / scale);
+            }
+        }
+        let worst = errors.iter().fold(0f64, |m, e| m.max(*e));
+        let typical = median(errors);
+        assert!(worst < MITSUBA_F32_WORST, "{name}: worst {worst:e}, median {typical:e}");
+        assert!(typical < MITSUBA_F32_TYPICAL, "{name}: median {typical:e}");
+    }
+}
+
+#[test]
+fn rgl_files_conserve_energy_and_are_named() {
+    for (name, _) in rgl_rows() {
+        let path = corpus("rgl").join(&name);
+        let rgl = Rgl::read(&path).unwrap();
+        assert!(rgl.is_isotropic() && rgl.description().len() > 20, "{name}");
+        for theta in [10f64, 45.0, 70.0] {
+            let albedo = rgl.albedo(&Direction::from_angles(theta.to_radians(), 0.3));
+            assert!(albedo.iter().all(|a| (0.0..=0.97).contains(a)), "{name} at {theta} deg: {albedo:?}");
+        }
+        assert!(open(path.to_str().unwrap()).is_ok());
+    }
+}
+
+#[test]
+fn neural_fits_agree_with_the_published_formula() {
+    // Both compute in f64; exp amplifies rounding, and the golden values have 12 digits.
+    const ROUNDING: f64 = 1e-9;
+    for (row, rows) in golden(include_str!("golden/nbrdf_numpy.json")) {
+        let brdf = NeuralBrdf::read(corpus("merl/nbrdf_merl_f32le.bin"), row.parse().unwrap()).unwrap();
+        for [theta_i, phi_i, theta_o, phi_o, want @ ..] in rows {
+            let (wi, wo) = (Direction::from_angles(theta_i, phi_i), Direction::from_angles(theta_o, phi_o));
+            for (got, want) in brdf.eval(&wi, &wo).into_iter().zip(want) {
+                assert!((got - want).abs() <= ROUNDING * want.max(1e-3), "row {row}: {got} instead of {want}");
+            }
+        }
+    }
+}
+
+#[test]
+fn abc_fits_resemble_the_neural_fits_of_the_same_materials() {
+    // Two fits of one measurement: a wrong cosine, scale or argument shows as more than this.
+    const RATIO: f64 = 2.0;
+    let mut ratios_of_all = Vec::new();
+    for (row, material) in abc_materials().iter().enumerate() {
+        let neural = NeuralBrdf::read(corpus("merl/nbrdf_merl_f32le.bin"), row).unwrap();
+        let mut ratios = Vec::new();
+        for (theta_i, theta_o, dphi) in
+            (0..60).map(|k| (0.1 + 0.02 * f64::from(k), 1.2 - 0.017 * f64::from(k), 0.1 + 0.05 * f64::from(k)))
+        {
+            let (wi, wo) = (Direction::from_angles(theta_i, 0.0), Direction::from_angles(theta_o, dphi));
+            let (f, g) = (material.brdf.eval(&wi, &wo)[1], neural.eval(&wi, &wo)[1]);
+            if g > 1e-4 {
+                ratios.push(f / g);
+            }
+        }
+        if ratios.len() > 20 {
+            ratios_of_all.push(median(ratios));
+        }
+    }
+    assert!(ratios_of_all.len() > 90);
+    let close = ratios_of_all.iter().filter(|r| (1.0 / RATIO..=RATIO).contains(*r)).count();
+    assert!(close * 10 > ratios_of_all.len() * 8, "{close} of {}", ratios_of_all.len());
+    assert!((0.8..1.25).contains(&median(ratios_of_all)));
+}
