@@ -20,7 +20,7 @@ pub mod reflectance;
 pub mod store;
 // pub mod reduce;
 // pub mod calibrate;
-// pub mod twin;
+pub mod twin;
 // pub mod export;
 // pub mod render;
 // pub mod report;
