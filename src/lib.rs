@@ -10,17 +10,18 @@
 //! what every zonal and spherical-harmonic coefficient describes. Angles are radians inside; degrees exist in files and
 //! at the prompt only.
 
-pub mod basis;
-pub mod capture;
 pub mod geometry;
+pub mod basis;
 pub mod optics;
-pub mod patterns;
 pub mod radiometry;
-pub mod reflectance;
 pub mod store;
-// pub mod reduce;
-// pub mod calibrate;
+pub mod reflectance;
+pub mod patterns;
+pub mod capture;
+pub mod reduce;
+pub mod calibrate;
+pub mod measure;
 pub mod twin;
-// pub mod export;
+pub mod export;
 // pub mod render;
 // pub mod report;

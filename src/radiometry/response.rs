@@ -56,6 +56,18 @@ impl Response {
         Ok(Self { levels: monotone_cubic(&x, &y), contrast: white / black })
     }
 
+    /// A curve from its 256 levels, as a calibration file keeps them.
+    ///
+    /// # Errors
+    /// [`ResponseError`] unless there are 256 levels that rise from 0 to 1.
+    pub fn from_levels(levels: Vec<f64>, contrast: f64) -> Result<Self, ResponseError> {
+        let rising = levels.windows(2).all(|l| l[0] <= l[1]);
+        match (levels.len(), levels.first(), levels.last()) {
+            (256, Some(&0.0), Some(&1.0)) if rising => Ok(Self { levels, contrast }),
+            _ => Err(ResponseError::Codes),
+        }
+    }
+
     /// A response that is proportional to the code: an ideal projector without black light.
     pub fn linear() -> Self {
         Self { levels: (0..256).map(|c| f64::from(c) / 255.0).collect(), contrast: f64::INFINITY }

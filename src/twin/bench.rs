@@ -11,14 +11,12 @@ use super::forward::{Accuracy, PatternLight, ResponseField};
 use super::geometry::InverseMap;
 use super::{PerturbedDevice, TwinConfig};
 use crate::basis::size;
+use crate::calibrate::GRAY_CARD_ALBEDO;
 use crate::capture::{Bench, Camera, CaptureError, Frame, Placement, Projector};
 use crate::geometry::{Direction, Sample, Zone};
 use crate::optics::Rig;
 use crate::patterns::Pattern;
 use crate::reflectance::{Brdf, Lambert};
-
-/// Albedo of the gray card.
-pub const GRAY_CARD_ALBEDO: f64 = 0.18;
 
 /// Pixels are integrated over this many samples along each side.
 const PIXEL_SAMPLES: usize = 2;

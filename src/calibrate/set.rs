@@ -1,0 +1,157 @@
+//! Calibrations as files that a run copies in.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::{CalibrateError, GrayCardCheck};
+use crate::optics::Rig;
+use crate::radiometry::{FlatField, Response};
+use crate::reduce::ChannelScale;
+use crate::store::{self, Layers, Plane, StoreError};
+
+/// Version of the calibration files.
+const FORMAT: u32 = 1;
+
+/// All that a measurement uses beyond the nominal rig.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CalibrationSet {
+    /// The projector's response.
+    pub response: Response,
+    /// The projector's flat field.
+    pub flat: FlatField,
+    /// Scale of the channels.
+    pub scale: ChannelScale,
+    /// What the gray card said of the rig.
+    pub check: GrayCardCheck,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ResponseFile {
+    format: u32,
+    rig: String,
+    /// White over black light.
+    contrast: f64,
+    /// Light above black of codes 0..=255, 0..1.
+    levels: Vec<f64>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct GrayCardFile {
+    format: u32,
+    rig: String,
+    scale: ChannelScale,
+    check: GrayCardCheck,
+}
+
+const RESPONSE: &str = "response.json";
+const FLAT_FIELD: &str = "flat-field.exr";
+const GRAY_CARD: &str = "gray-card.json";
+
+impl CalibrationSet {
+    /// Reads the three files of a calibration folder.
+    ///
+    /// # Errors
+    /// [`CalibrateError::Store`] for a missing or damaged file, [`CalibrateError::OtherRig`] for a foreign one.
+    pub fn read(folder: &Path, rig: &Rig) -> Result<Self, CalibrateError> {
+        let gray_path = folder.join(GRAY_CARD);
+        let gray: GrayCardFile = store::read_json(&gray_path)?;
+        belongs(&gray_path, &gray.rig, rig)?;
+        newer(&gray_path, gray.format)?;
+        let response = Self::read_response(folder, rig)?;
+        let flat = Self::read_flat_field(folder, rig)?;
+        Ok(Self { response, flat, scale: gray.scale, check: gray.check })
+    }
+
+    /// Writes the three files, creating the folder.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn write(&self, folder: &Path, rig: &Rig) -> Result<(), StoreError> {
+        store::create_dir(folder)?;
+        Self::write_response(&self.response, folder, rig)?;
+        Self::write_flat_field(&self.flat, folder, rig)?;
+        Self::write_gray_card(&self.scale, &self.check, folder, rig)
+    }
+
+    /// Reads `response.json`.
+    ///
+    /// # Errors
+    /// As [`CalibrationSet::read`].
+    pub fn read_response(folder: &Path, rig: &Rig) -> Result<Response, CalibrateError> {
+        let path = folder.join(RESPONSE);
+        let file: ResponseFile = store::read_json(&path)?;
+        belongs(&path, &file.rig, rig)?;
+        newer(&path, file.format)?;
+        Response::from_levels(file.levels, file.contrast).map_err(CalibrateError::from)
+    }
+
+    /// Writes `response.json`.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn write_response(response: &Response, folder: &Path, rig: &Rig) -> Result<(), StoreError> {
+        let levels = (0..=255).map(|c| response.level(c)).collect();
+        let file = ResponseFile { format: FORMAT, rig: rig.name.clone(), contrast: response.contrast(), levels };
+        store::write_json(&folder.join(RESPONSE), &file)
+    }
+
+    /// Reads `flat-field.exr`.
+    ///
+    /// # Errors
+    /// As [`CalibrationSet::read`].
+    pub fn read_flat_field(folder: &Path, rig: &Rig) -> Result<FlatField, CalibrateError> {
+        let path = folder.join(FLAT_FIELD);
+        let image = Layers::read(&path)?;
+        belongs(&path, image.text("zonal_rig").unwrap_or("?"), rig)?;
+        let size = (image.width, image.height) == (rig.projector.width_px, rig.projector.height_px);
+        let values = image.get("Y").filter(|_| size);
+        let flat = values.and_then(|v| FlatField::from_light(image.width, image.height, v));
+        flat.ok_or_else(|| {
+            StoreError::invalid(&path, "not a positive plane `Y` of the panel's size: calibrate again").into()
+        })
+    }
+
+    /// Writes `flat-field.exr`.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn write_flat_field(flat: &FlatField, folder: &Path, rig: &Rig) -> Result<(), StoreError> {
+        let mut image = Layers::new(flat.width, flat.height);
+        image.plane("Y", Plane::Float(flat.values.clone()));
+        image.attribute("zonal_content", "light of each projector pixel at one code, relative to the brightest");
+        image.attribute("zonal_format", f64::from(FORMAT));
+        image.attribute("zonal_rig", rig.name.as_str());
+        image.write(&folder.join(FLAT_FIELD))
+    }
+
+    /// Writes `gray-card.json`.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn write_gray_card(
+        scale: &ChannelScale,
+        check: &GrayCardCheck,
+        folder: &Path,
+        rig: &Rig,
+    ) -> Result<(), StoreError> {
+        let file = GrayCardFile { format: FORMAT, rig: rig.name.clone(), scale: scale.clone(), check: check.clone() };
+        store::write_json(&folder.join(GRAY_CARD), &file)
+    }
+}
+
+fn belongs(path: &Path, found: &str, rig: &Rig) -> Result<(), CalibrateError> {
+    if found == rig.name {
+        return Ok(());
+    }
+    Err(CalibrateError::OtherRig { path: path.display().to_string(), found: found.into(), expected: rig.name.clone() })
+}
+
+fn newer(path: &Path, format: u32) -> Result<(), StoreError> {
+    if format <= FORMAT {
+        return Ok(());
+    }
+    Err(StoreError::invalid(path, format!("format {format} is newer than {FORMAT}: update zonal")))
+}

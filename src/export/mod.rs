@@ -1,0 +1,5 @@
+//! One file per format.
+
+mod sh;
+
+pub use sh::ShMaterial;

@@ -1,0 +1,188 @@
+//! Spherical-harmonic coefficients for every exitant direction, as a material and as OpenEXR.
+
+use std::path::Path;
+
+use rayon::prelude::*;
+
+use crate::basis::{Conversion, Harmonics, MAX_ORDER, size};
+use crate::geometry::{Direction, ExitantGrid, Sample, Zone};
+use crate::reduce::Coefficients;
+use crate::reflectance::Brdf;
+use crate::store::{Layers, Plane, StoreError};
+
+/// f_cos(wi, wo) = sum over k of y_k(wo) Y_k(wi): real SH over incident directions, a table over exitant ones.
+///
+/// Between the table's cells y_k is bilinear in theta_o and phi_o; beyond the centres of the first and last ring theta_o
+/// is clamped, for the rig measured nothing there.
+#[derive(Debug, Clone)]
+pub struct ShMaterial {
+    /// Exitant directions.
+    pub grid: ExitantGrid,
+    /// Name of the method the coefficients come from.
+    pub method: String,
+    /// Zonal order measured.
+    pub zonal_order: usize,
+    /// Values, linear RGB, 1/sr: index `(k * 3 + channel) * grid.len() + cell`.
+    pub values: Vec<f32>,
+    /// Standard errors, indexed alike.
+    pub sigma: Vec<f32>,
+    harmonics: Harmonics,
+}
+
+const CHANNELS: [&str; 3] = ["R", "G", "B"];
+
+impl ShMaterial {
+    /// Converts measured zonal coefficients.
+    pub fn new(coefficients: &Coefficients, conversion: &Conversion) -> Self {
+        let grid = coefficients.grid;
+        let n = grid.len();
+        let harmonics = Harmonics::spherical(conversion.sh_order).expect("a conversion has a valid order");
+        let columns: Vec<(Vec<f64>, Vec<f64>)> = (0..3 * n)
+            .into_par_iter()
+            .map(|i| {
+                let (channel, cell) = (i / n, i % n);
+                let variance: Vec<f64> = coefficients.spectrum_sigma(channel, cell).iter().map(|s| s * s).collect();
+                (conversion.apply(&coefficients.spectrum(channel, cell)), conversion.variance(&variance))
+            })
+            .collect();
+        let mut values = vec![0.0; harmonics.len() * 3 * n];
+        let mut sigma = values.clone();
+        for (i, (y, variance)) in columns.into_iter().enumerate() {
+            for k in 0..y.len() {
+                values[k * 3 * n + i] = y[k] as f32;
+                sigma[k * 3 * n + i] = variance[k].sqrt() as f32;
+            }
+        }
+        Self { grid, method: conversion.method.name().into(), zonal_order: conversion.order, values, sigma, harmonics }
+    }
+
+    /// Order of the SH.
+    pub fn order(&self) -> usize {
+        self.harmonics.order()
+    }
+
+    /// f_cos without clamping: a reconstruction may be negative.
+    pub fn f_cos(&self, wi: &Direction<Sample>, wo: &Direction<Sample>) -> [f64; 3] {
+        let mut y = [0.0; size(MAX_ORDER)];
+        let y = &mut y[..self.harmonics.len()];
+        self.harmonics.eval_direction_into(wi, y);
+        let taps = self.grid.bilinear(wo.theta(), wo.phi());
+        let n = self.grid.len();
+        let mut sum = [0.0; 3];
+        for (k, y) in y.iter().enumerate() {
+            for (c, sum) in sum.iter_mut().enumerate() {
+                let plane = &self.values[(k * 3 + c) * n..][..n];
+                *sum += y * taps.iter().map(|&(cell, w)| w * f64::from(plane[cell])).sum::<f64>();
+            }
+        }
+        sum
+    }
+
+    /// Writes planes `y_kkk.R|G|B` and `sigma_kkk.R|G|B`, columns = sectors, rows = rings, the convention in the header.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn write(&self, path: &Path) -> Result<(), StoreError> {
+        let n = self.grid.len();
+        let mut image = Layers::new(self.grid.sectors(), self.grid.rings());
+        for k in 0..size(self.order()) {
+            for (c, name) in CHANNELS.iter().enumerate() {
+                let at = (k * 3 + c) * n;
+                image.plane(format!("y_{k:03}.{name}"), Plane::Float(self.values[at..at + n].to_vec()));
+                image.plane(format!("sigma_{k:03}.{name}"), Plane::Float(self.sigma[at..at + n].to_vec()));
+            }
+        }
+        image.attribute("zonal_content", "SH coefficients y_k(wo): f_cos(wi, wo) = sum over k of y_k(wo) Y_k(wi)");
+        image.attribute("zonal_units", "1/sr, linear camera RGB; f_cos is the BRDF times cos(theta_i)");
+        image.attribute("zonal_convention", crate::reduce::CONVENTION);
+        image.attribute(
+            "zonal_interpolation",
+            "bilinear in theta_o and phi_o; theta_o clamped to the first and last row",
+        );
+        image.attribute("zonal_method", self.method.as_str());
+        image.attribute("zonal_order", self.zonal_order as f64);
+        image.attribute("zonal_sh_order", self.order() as f64);
+        image.attribute("zonal_theta_min_deg", self.grid.zone().theta_min().to_degrees());
+        image.attribute("zonal_theta_max_deg", self.grid.zone().theta_max().to_degrees());
+        image.write(path)
+    }
+
+    /// Reads what [`ShMaterial::write`] wrote.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn read(path: &Path) -> Result<Self, StoreError> {
+        let image = Layers::read(path)?;
+        let missing = |what: &str| StoreError::invalid(path, format!("`{what}` is missing: convert the run again"));
+        let number = |name: &str| image.number(name).ok_or_else(|| missing(name));
+        let zone = Zone::from_degrees(number("zonal_theta_min_deg")?, number("zonal_theta_max_deg")?)
+            .map_err(|e| StoreError::invalid(path, e.to_string()))?;
+        let harmonics = Harmonics::spherical(number("zonal_sh_order")? as usize)
+            .map_err(|e| StoreError::invalid(path, e.to_string()))?;
+        let (mut values, mut sigma) = (Vec::new(), Vec::new());
+        for k in 0..harmonics.len() {
+            for name in CHANNELS {
+                for (stem, planes) in [("y", &mut values), ("sigma", &mut sigma)] {
+                    let plane = format!("{stem}_{k:03}.{name}");
+                    planes.extend(image.get(&plane).ok_or_else(|| missing(&plane))?);
+                }
+            }
+        }
+        Ok(Self {
+            grid: ExitantGrid::new(zone, image.height, image.width),
+            method: image.text("zonal_method").unwrap_or_default().into(),
+            zonal_order: number("zonal_order")? as usize,
+            values,
+            sigma,
+            harmonics,
+        })
+    }
+}
+
+impl Brdf for ShMaterial {
+    /// f = f_cos / cos(theta_i); may be negative.
+    fn eval(&self, wi: &Direction<Sample>, wo: &Direction<Sample>) -> [f64; 3] {
+        if wi.cos_theta() <= 0.0 || wo.cos_theta() <= 0.0 {
+            return [0.0; 3];
+        }
+        self.f_cos(wi, wo).map(|f| f / wi.cos_theta())
+    }
+
+    fn eval_cos(&self, wi: &Direction<Sample>, wo: &Direction<Sample>) -> [f64; 3] {
+        if wi.cos_theta() <= 0.0 || wo.cos_theta() <= 0.0 { [0.0; 3] } else { self.f_cos(wi, wo) }
+    }
+
+    fn is_isotropic(&self) -> bool {
+        false
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::basis::Method;
+    use crate::calibrate::gray_card_coefficients;
+
+    #[test]
+    fn an_exact_gray_card_is_lambert_everywhere_and_survives_the_file() {
+        let zone = Zone::from_degrees(9.0, 57.0).unwrap();
+        let grid = ExitantGrid::new(zone, 4, 6);
+        let order = 2;
+        let z = gray_card_coefficients(zone, order, 0.18);
+        let values: Vec<f32> = z.iter().flat_map(|&z| vec![z as f32; 3 * grid.len()]).collect();
+        let coefficients = Coefficients { grid, order, sigma: vec![1e-4; values.len()], values };
+        let conversion = Conversion::new(Method::Parity, zone, order).unwrap();
+        let material = ShMaterial::new(&coefficients, &conversion);
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("sh.exr");
+        material.write(&path).unwrap();
+        let back = ShMaterial::read(&path).unwrap();
+        for (theta_i, theta_o) in [(0.1, 0.3), (0.9, 0.6), (1.4, 1.2)] {
+            let (wi, wo) = (Direction::from_angles(theta_i, 2.0), Direction::from_angles(theta_o, -1.0));
+            for material in [&material, &back] {
+                let f = material.eval(&wi, &wo)[1];
+                assert!((f - 0.18 / std::f64::consts::PI).abs() < 1e-6, "{f}");
+            }
+        }
+    }
+}

@@ -1,0 +1,46 @@
+//! From HDR responses to zonal coefficients with standard errors. Works on any stored run.
+
+mod cells;
+mod coefficients;
+mod reducer;
+
+use thiserror::Error;
+
+use crate::basis::OrderError;
+use crate::store::StoreError;
+
+pub use cells::{CellMap, CellResponse};
+pub use coefficients::{CONVENTION, Coefficients};
+pub use reducer::{ChannelScale, Reducer};
+
+/// Why responses cannot be reduced.
+#[derive(Debug, Error)]
+pub enum ReduceError {
+    /// A cell of the exitant grid has too few pixels.
+    #[error(
+        "exitant cell (ring {ring}, sector {sector}) has too few {channel} pixels: ask for fewer exitant.rings or \
+         exitant.sectors in the plan"
+    )]
+    EmptyCell {
+        /// Ring.
+        ring: usize,
+        /// Sector.
+        sector: usize,
+        /// Colour.
+        channel: &'static str,
+    },
+    /// A response is missing.
+    #[error("the responses end after {found} of {expected} lobes: measure again")]
+    Incomplete {
+        /// Lobes seen.
+        found: usize,
+        /// Lobes the plan has.
+        expected: usize,
+    },
+    /// The order is out of range.
+    #[error(transparent)]
+    Order(#[from] OrderError),
+    /// A file could not be read or written.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+}

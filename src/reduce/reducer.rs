@@ -1,0 +1,107 @@
+//! Lobe differences, scaled, as zonal coefficients.
+
+use serde::{Deserialize, Serialize};
+
+use super::{CellMap, CellResponse, Coefficients, ReduceError};
+use crate::basis::size;
+use crate::capture::ResponseImage;
+use crate::geometry::Zone;
+use crate::patterns::{Lobe, Sign};
+
+/// What turns lobe differences in electrons per second into coefficients: one smooth curve over theta_o per channel.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ChannelScale {
+    /// Polynomial coefficients, lowest power first, in x = (2 theta_o - theta_min - theta_max) / (theta_max - theta_min);
+    /// red, green, blue; unit: coefficient (1/sqrt(sr)) for one electron per second.
+    pub coefficients: [Vec<f64>; 3],
+}
+
+impl ChannelScale {
+    /// Leaves electrons per second as they are.
+    pub fn unit() -> Self {
+        Self { coefficients: [vec![1.0], vec![1.0], vec![1.0]] }
+    }
+
+    /// The scale of a channel at the polar angle `theta_o` (radians).
+    pub fn at(&self, zone: &Zone, theta_o: f64, channel: usize) -> f64 {
+        let x = (2.0 * theta_o - zone.theta_min() - zone.theta_max()) / (zone.theta_max() - zone.theta_min());
+        self.coefficients[channel].iter().rev().fold(0.0, |sum, c| sum * x + c)
+    }
+}
+
+/// Takes responses lobe by lobe, positive before negative, and gives the coefficients.
+pub struct Reducer {
+    cells: CellMap,
+    order: usize,
+    /// Divisor of each lobe difference: [`crate::patterns::LobePair::gain`].
+    gains: Vec<f64>,
+    scale: ChannelScale,
+    positive: Option<CellResponse>,
+    values: Vec<f32>,
+    sigma: Vec<f32>,
+    lobes: usize,
+    saturated: usize,
+    pixels: usize,
+}
+
+impl Reducer {
+    /// A reducer for (order+1)^2 pairs of lobes.
+    pub fn new(cells: CellMap, order: usize, gains: Vec<f64>, scale: ChannelScale) -> Self {
+        assert_eq!(gains.len(), size(order), "one gain for each function");
+        let n = size(order) * 3 * cells.grid().len();
+        Self {
+            cells,
+            order,
+            gains,
+            scale,
+            positive: None,
+            values: vec![f32::NAN; n],
+            sigma: vec![f32::NAN; n],
+            lobes: 0,
+            saturated: 0,
+            pixels: 0,
+        }
+    }
+
+    /// Takes the response to a lobe.
+    pub fn add(&mut self, lobe: Lobe, response: &ResponseImage) {
+        self.lobes += 1;
+        self.saturated += response.saturated();
+        self.pixels += response.crop.len();
+        let response = self.cells.apply(response);
+        match (lobe.sign, self.positive.take()) {
+            (Sign::Positive, _) => self.positive = Some(response),
+            (Sign::Negative, Some(positive)) => self.difference(lobe.k, &positive, &response),
+            (Sign::Negative, None) => {}
+        }
+    }
+
+    fn difference(&mut self, k: usize, positive: &CellResponse, negative: &CellResponse) {
+        let grid = self.cells.grid();
+        for i in 0..3 * grid.len() {
+            let theta_o = grid.theta(i % grid.len() / grid.sectors());
+            let factor = self.scale.at(&grid.zone(), theta_o, i / grid.len()) / self.gains[k];
+            let at = k * 3 * grid.len() + i;
+            self.values[at] = (factor * (positive.rate[i] - negative.rate[i])) as f32;
+            self.sigma[at] = (factor.abs() * (positive.variance[i] + negative.variance[i]).sqrt()) as f32;
+        }
+    }
+
+    /// Share of pixels that saturated in every exposure, over all lobes so far.
+    pub fn saturated_fraction(&self) -> f64 {
+        self.saturated as f64 / self.pixels.max(1) as f64
+    }
+
+    /// The coefficients.
+    ///
+    /// # Errors
+    /// [`ReduceError::Incomplete`] if a lobe is missing.
+    pub fn finish(self) -> Result<Coefficients, ReduceError> {
+        let expected = 2 * size(self.order);
+        if self.lobes != expected {
+            return Err(ReduceError::Incomplete { found: self.lobes, expected });
+        }
+        Ok(Coefficients { grid: self.cells.grid(), order: self.order, values: self.values, sigma: self.sigma })
+    }
+}
