@@ -4,8 +4,10 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::{CalibrateError, GrayCardCheck};
+use super::{CalibrateError, GrayCardCheck, procedures};
+use crate::capture::{Bench, Progress};
 use crate::optics::Rig;
+use crate::patterns::Plan;
 use crate::radiometry::{FlatField, Response};
 use crate::reduce::ChannelScale;
 use crate::store::{self, Layers, Plane, StoreError};
@@ -51,6 +53,17 @@ const FLAT_FIELD: &str = "flat-field.exr";
 const GRAY_CARD: &str = "gray-card.json";
 
 impl CalibrationSet {
+    /// Makes all three calibrations on a bench: response, flat field, gray card of order 2.
+    ///
+    /// # Errors
+    /// [`CalibrateError`].
+    pub fn make(rig: &Rig, bench: &mut dyn Bench, progress: &mut Progress<'_>) -> Result<Self, CalibrateError> {
+        let response = procedures::response(rig, bench)?;
+        let flat = procedures::flat_field(rig, bench)?;
+        let (scale, check) = procedures::gray_card(rig, bench, &Plan::of_order(2), &response, &flat, progress)?;
+        Ok(Self { response, flat, scale, check })
+    }
+
     /// Reads the three files of a calibration folder.
     ///
     /// # Errors

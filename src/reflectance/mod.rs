@@ -32,6 +32,7 @@ mod merl;
 mod nbrdf;
 mod rgl;
 mod tensor;
+mod zone_errors;
 
 use std::f64::consts::TAU;
 
@@ -47,6 +48,7 @@ pub use merl::Merl;
 pub use nbrdf::NeuralBrdf;
 pub use rgl::Rgl;
 pub use tensor::TensorFile;
+pub use zone_errors::{EXITANT_DEG, ZoneErrors};
 
 /// A BRDF over the upper hemisphere.
 pub trait Brdf: Send + Sync {

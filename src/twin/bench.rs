@@ -35,7 +35,8 @@ pub struct TwinBench {
     camera_lens: crate::optics::Lens,
     dome: Zone,
     sequence: Vec<Pattern>,
-    field: Option<ResponseField>,
+    /// Electrons per second from the sample, of each pixel in `pixels` for each pattern: `[pixel][pattern]`.
+    reflected: Option<Vec<f32>>,
     shown: usize,
     exposure_s: f64,
     /// Electrons per second of each sensor pixel for what is shown.
@@ -59,10 +60,15 @@ impl TwinBench {
         let dome = Zone::new(shadow, theta_max).expect("a checked rig reaches beyond its shadow");
         let inverse = InverseMap::new(&projector, theta_max);
         let width = rig.camera.width_px;
+        let lens = *camera.lens();
+        let edge_px = rig.camera_map().radius_px(theta_max).unwrap_or(f64::INFINITY) + 3.0;
         let pixels = (0..width * rig.camera.height_px)
             .into_par_iter()
             .filter_map(|i| {
                 let (u, v) = ((i % width) as f64, (i / width) as f64);
+                if (u - lens.centre_u).hypot(v - lens.centre_v) > edge_px {
+                    return None;
+                }
                 let at = |j: usize| (j as f64 + 0.5) / PIXEL_SAMPLES as f64;
                 let directions: Vec<_> = (0..PIXEL_SAMPLES * PIXEL_SAMPLES)
                     .filter_map(|j| camera.direction(u + at(j % PIXEL_SAMPLES), v + at(j / PIXEL_SAMPLES)))
@@ -80,10 +86,10 @@ impl TwinBench {
             projector,
             inverse,
             pixels,
-            camera_lens: *camera.lens(),
+            camera_lens: lens,
             dome,
             sequence: Vec::new(),
-            field: None,
+            reflected: None,
             shown: 0,
             exposure_s: 1.0 / rig.projector.refresh_hz,
             rates: None,
@@ -132,14 +138,10 @@ impl TwinBench {
         let (u0, v0) = (lo(lens.centre_u), lo(lens.centre_v));
         let (width, height) = (hi(lens.centre_u, p.width_px) - u0, hi(lens.centre_v, p.height_px) - v0);
         let means: Vec<f64> = self.sequence.iter().map(|s| self.mean_light(s)).collect();
-        let mut light = vec![0.0f32; width * height * self.sequence.len()];
-        light.par_chunks_mut(self.sequence.len()).enumerate().for_each(|(i, row)| {
-            let (column, line) = (u0 + i % width, v0 + i / width);
-            for ((out, pattern), &mean) in row.iter_mut().zip(&self.sequence).zip(&means) {
-                *out = self.light(pattern.codes[line * p.width_px + column], column, line, mean) as f32;
-            }
-        });
-        PatternLight { width, height, origin: [u0, v0], patterns: self.sequence.len(), light }
+        PatternLight::new([u0, v0], [width, height], self.sequence.len(), |pattern, column, row| {
+            let code = self.sequence[pattern].codes[row * p.width_px + column];
+            self.light(code, column, row, means[pattern]) as f32
+        })
     }
 
     /// Electrons per second of every sensor pixel for the pattern shown, without dark signal.
@@ -150,42 +152,42 @@ impl TwinBench {
             self.add_screen(&mut rates);
             return rates;
         }
-        if self.field.is_none() {
-            let light = self.pattern_light();
-            let brdf: Arc<dyn Brdf> = match self.placement {
-                Placement::GrayCard => Arc::new(Lambert { albedo: [GRAY_CARD_ALBEDO; 3] }),
-                _ => self.sample.clone(),
-            };
-            // Patterns of order L come as 2 (L+1)^2 frames: the finest azimuthal period follows from their number.
-            let order = (0..50).find(|&l| 2 * size(l) >= self.sequence.len()).unwrap_or(50);
-            self.field =
-                Some(ResponseField::new(brdf.as_ref(), &light, &self.inverse, self.dome, order, &self.accuracy));
+        if self.reflected.is_none() {
+            self.reflected = Some(self.reflect());
         }
-        let field = self.field.as_ref().expect("made above");
-        let lamp = self.lamp_e_s();
-        let values: Vec<f32> = self
-            .pixels
-            .par_iter()
-            .map(|(i, directions)| {
-                let (column, row) = (i % width, i / width);
-                let channels = self.rig.camera.mosaic.channels(column, row);
-                let mut sum = 0.0;
-                for wo in directions {
-                    for (grid, offset, weight) in field.taps(wo) {
-                        for &c in channels {
-                            let gain = self.config.channel_gains[c] / channels.len() as f64;
-                            sum += gain * weight * field.value(grid, offset, c, self.shown);
-                        }
-                    }
-                }
-                let area = (PIXEL_SAMPLES * PIXEL_SAMPLES) as f64;
-                (sum / area * lamp * self.natural_falloff(&self.camera_lens, column, row)) as f32
-            })
-            .collect();
-        for ((i, _), value) in self.pixels.iter().zip(values) {
-            rates[*i] += value;
+        let reflected = self.reflected.as_ref().expect("made above");
+        for ((i, _), row) in self.pixels.iter().zip(reflected.chunks_exact(self.sequence.len())) {
+            rates[*i] += row[self.shown];
         }
         rates
+    }
+
+    /// What every pixel gets from the sample for every pattern of the sequence.
+    fn reflect(&self) -> Vec<f32> {
+        let brdf: Arc<dyn Brdf> = match self.placement {
+            Placement::GrayCard => Arc::new(Lambert { albedo: [GRAY_CARD_ALBEDO; 3] }),
+            _ => self.sample.clone(),
+        };
+        // Patterns of order L come as 2 (L+1)^2 frames: the finest azimuthal period follows from their number.
+        let order = (0..50).find(|&l| 2 * size(l) >= self.sequence.len()).unwrap_or(50);
+        let light = self.pattern_light();
+        let field = ResponseField::new(brdf.as_ref(), &light, &self.inverse, self.dome, order, &self.accuracy);
+        let lamp = self.lamp_e_s() / (PIXEL_SAMPLES * PIXEL_SAMPLES) as f64;
+        let width = self.rig.camera.width_px;
+        let patterns = self.sequence.len();
+        let mut reflected = vec![0.0; self.pixels.len() * patterns];
+        reflected.par_chunks_mut(patterns).zip(&self.pixels).for_each(|(row, (i, directions))| {
+            let (column, line) = (i % width, i / width);
+            let channels = self.rig.camera.mosaic.channels(column, line);
+            let falloff = self.natural_falloff(&self.camera_lens, column, line);
+            for wo in directions {
+                for &c in channels {
+                    let gain = self.config.channel_gains[c] / channels.len() as f64;
+                    field.add_radiance(wo, c, lamp * falloff * gain, row);
+                }
+            }
+        });
+        reflected
     }
 
     /// The white screen: both devices share one centre of projection, so a pixel sees one direction of the projector.
@@ -294,7 +296,7 @@ impl Projector for TwinBench {
             });
         }
         self.sequence = sequence.to_vec();
-        (self.field, self.rates, self.shown) = (None, None, usize::MAX);
+        (self.reflected, self.rates, self.shown) = (None, None, usize::MAX);
         Ok(())
     }
 
@@ -323,7 +325,7 @@ impl Bench for TwinBench {
 
     fn place(&mut self, what: Placement) -> Result<(), CaptureError> {
         self.placement = what;
-        (self.field, self.rates) = (None, None);
+        (self.reflected, self.rates) = (None, None);
         Ok(())
     }
 }

@@ -25,41 +25,72 @@ pub struct Accuracy {
 impl Default for Accuracy {
     /// Converged to 0.1% of DC on measured materials.
     fn default() -> Self {
-        Self { dome_nodes: 10946, lobe_nodes: 4181, sectors_per_order: 20, rings_per_lobe: 2.0 }
+        Self { dome_nodes: 10946, lobe_nodes: 4181, sectors_per_order: 16, rings_per_lobe: 2.0 }
     }
 }
 
 impl Accuracy {
     /// About twice the nodes in everything: what convergence is tested against.
     pub fn doubled() -> Self {
-        Self { dome_nodes: 28657, lobe_nodes: 10946, sectors_per_order: 40, rings_per_lobe: 4.0 }
+        Self { dome_nodes: 28657, lobe_nodes: 10946, sectors_per_order: 32, rings_per_lobe: 4.0 }
     }
 }
 
-/// Light of every projector pixel in each of several patterns: row p holds one value per pattern.
+/// Patterns are summed in blocks of this many: their sums stay in registers.
+const BLOCK: usize = 8;
+
+/// Light of every projector pixel in each of several patterns, in units of full white.
 pub struct PatternLight {
-    /// Columns of the panel region.
-    pub width: usize,
-    /// Rows of the panel region.
-    pub height: usize,
-    /// First column and row of the region on the panel.
-    pub origin: [usize; 2],
-    /// Number of patterns.
-    pub patterns: usize,
-    /// `[pixel][pattern]`, in units of full white.
-    pub light: Vec<f32>,
+    width: usize,
+    height: usize,
+    origin: [usize; 2],
+    /// Side of a pixel of this table in panel pixels.
+    pitch: f32,
+    patterns: usize,
+    /// `[block][pixel][pattern in block]`
+    blocks: Vec<Vec<[f32; BLOCK]>>,
 }
 
 impl PatternLight {
-    /// All patterns' light at a point of the panel; `None` beyond the region.
+    /// Tabulates `light(pattern, column, row)` over a region of the panel: its first column and row, and its size.
+    pub fn new(
+        origin: [usize; 2],
+        size: [usize; 2],
+        patterns: usize,
+        light: impl Fn(usize, usize, usize) -> f32 + Sync,
+    ) -> Self {
+        let [width, height] = size;
+        let value = |block: usize, p: usize, i: usize| {
+            let pattern = block * BLOCK + i;
+            if pattern < patterns { light(pattern, origin[0] + p % width, origin[1] + p / width) } else { 0.0 }
+        };
+        let blocks = (0..patterns.div_ceil(BLOCK))
+            .into_par_iter()
+            .map(|block| (0..width * height).map(|p| std::array::from_fn(|i| value(block, p, i))).collect())
+            .collect();
+        Self { width, height, origin, pitch: 1.0, patterns, blocks }
+    }
+
+    /// The same light in means over 2 x 2 pixels: enough for what varies slowly, and small enough for the cache.
+    fn halved(&self) -> Self {
+        let (width, height) = (self.width / 2, self.height / 2);
+        let mean = |pixels: &Vec<[f32; BLOCK]>, p: usize, i: usize| {
+            let q = (p / width * 2) * self.width + p % width * 2;
+            0.25 * (pixels[q][i] + pixels[q + 1][i] + pixels[q + self.width][i] + pixels[q + self.width + 1][i])
+        };
+        let halve = |pixels: &Vec<[f32; BLOCK]>| {
+            (0..width * height).map(|p| std::array::from_fn(|i| mean(pixels, p, i))).collect()
+        };
+        let blocks = self.blocks.par_iter().map(halve).collect();
+        Self { width, height, pitch: 2.0 * self.pitch, blocks, ..*self }
+    }
+
+    /// The pixel at a point of the panel; `None` beyond the region.
     #[inline]
-    fn at(&self, u: f32, v: f32) -> Option<&[f32]> {
-        let (i, j) = ((u.floor() as isize) - self.origin[0] as isize, (v.floor() as isize) - self.origin[1] as isize);
-        if i < 0 || j < 0 || i as usize >= self.width || j as usize >= self.height {
-            return None;
-        }
-        let p = (j as usize * self.width + i as usize) * self.patterns;
-        Some(&self.light[p..p + self.patterns])
+    fn pixel(&self, u: f32, v: f32) -> Option<u32> {
+        let (x, y) = ((u - self.origin[0] as f32) / self.pitch, (v - self.origin[1] as f32) / self.pitch);
+        let inside = x >= 0.0 && y >= 0.0 && x < self.width as f32 && y < self.height as f32;
+        inside.then(|| (y as usize * self.width + x as usize) as u32)
     }
 }
 
@@ -129,36 +160,33 @@ impl ResponseField {
         accuracy: &Accuracy,
     ) -> Self {
         let width = lobe_width(brdf);
-        let sectors = (accuracy.sectors_per_order * order.max(4)).max(96);
-        let coarse = 0.75f64.to_radians() * 2.0 / accuracy.rings_per_lobe;
+        let coarse = 3f64.to_radians() / accuracy.rings_per_lobe;
         let fine = (width / accuracy.rings_per_lobe).clamp(0.1f64.to_radians(), coarse);
+        let sectors = accuracy.sectors_per_order * order.max(4);
+        let wider = widened(&dome);
         let blend = Blend { radius: (6.0 * width).clamp(8f64.to_radians(), 25f64.to_radians()) };
         let lobe = LobeLattice { nodes: accuracy.lobe_nodes, core: 0.3 * width, blend };
         let smooth = Grid::new(&dome, coarse, sectors, light.patterns);
         let sharp = Grid::new(&dome, fine, sectors, light.patterns);
         let parts = [
-            smooth.fill(brdf, light, inverse, |wo| dome_lattice(&dome, accuracy.dome_nodes, wo, blend)),
+            smooth.fill(brdf, &light.halved(), inverse, |wo| dome_lattice(&wider, accuracy.dome_nodes, wo, blend)),
             sharp.fill(brdf, light, inverse, |wo| lobe.nodes(&dome, wo)),
         ];
         Self { parts, patterns: light.patterns }
     }
 
-    /// Radiance towards `wo` in one channel for pattern `pattern`, in units of white.
-    pub fn radiance(&self, wo: &Direction<Sample>, channel: usize, pattern: usize) -> f64 {
-        self.taps(wo).map(|(grid, offset, weight)| weight * self.value(grid, offset, channel, pattern)).sum()
-    }
-
-    /// Grid, offset and weight of the samples that interpolate a direction.
-    pub fn taps(&self, wo: &Direction<Sample>) -> impl Iterator<Item = (usize, usize, f64)> {
+    /// Adds `scale` times the radiance towards `wo` in one channel, in units of white, to `out`, one value per pattern.
+    pub fn add_radiance(&self, wo: &Direction<Sample>, channel: usize, scale: f64, out: &mut [f32]) {
         let (theta, phi) = (wo.theta(), wo.phi());
-        let taps = [self.parts[0].taps(theta, phi), self.parts[1].taps(theta, phi)];
-        taps.into_iter().enumerate().flat_map(|(g, taps)| taps.into_iter().map(move |(o, w)| (g, o, w)))
-    }
-
-    /// The sample that a tap names.
-    #[inline]
-    pub fn value(&self, grid: usize, offset: usize, channel: usize, pattern: usize) -> f64 {
-        f64::from(self.parts[grid].values[(offset * 3 + channel) * self.patterns + pattern])
+        for part in &self.parts {
+            for (offset, weight) in part.taps(theta, phi) {
+                let row = &part.values[(offset * 3 + channel) * self.patterns..][..self.patterns];
+                let weight = (weight * scale) as f32;
+                for (sum, value) in out.iter_mut().zip(row) {
+                    *sum += weight * value;
+                }
+            }
+        }
     }
 }
 
@@ -180,16 +208,23 @@ impl Grid {
         let (sectors, theta0, step) = (self.sectors, self.theta0, self.ring_step);
         let row = 3 * light.patterns;
         let evaluate = |wo: &Direction<Sample>| -> Vec<Node> {
-            nodes(wo).into_iter().map(|(wi, w)| Node::new(&wi, brdf.eval_cos(&wi, wo).map(|f| f * w))).collect()
+            let mut nodes: Vec<Node> =
+                nodes(wo).into_iter().map(|(wi, w)| Node::new(&wi, brdf.eval_cos(&wi, wo).map(|f| f * w))).collect();
+            // Neighbours in memory for neighbours on the panel: a lattice's own order jumps about.
+            nodes.sort_unstable_by_key(Node::tile);
+            nodes
         };
         self.values.par_chunks_mut(sectors * row).enumerate().for_each(|(ring, out)| {
             let theta_o = theta0 + ring as f64 * step;
             let shared = brdf.is_isotropic().then(|| evaluate(&Direction::from_angles(theta_o, 0.0)));
-            out.par_chunks_mut(row).enumerate().for_each(|(sector, out)| {
+            out.par_chunks_mut(row).enumerate().for_each_init(Vec::new, |visits, (sector, out)| {
                 let phi_o = sector as f64 * TAU / sectors as f64;
                 match &shared {
-                    Some(nodes) => accumulate(nodes, phi_o, light, inverse, out),
-                    None => accumulate(&evaluate(&Direction::from_angles(theta_o, phi_o)), 0.0, light, inverse, out),
+                    Some(nodes) => accumulate(nodes, phi_o, light, inverse, visits, out),
+                    None => {
+                        let nodes = evaluate(&Direction::from_angles(theta_o, phi_o));
+                        accumulate(&nodes, 0.0, light, inverse, visits, out);
+                    }
                 }
             });
         });
@@ -215,21 +250,49 @@ impl Node {
         let (theta, phi) = (wi.theta(), wi.phi());
         Self { x: (theta * phi.cos()) as f32, y: (theta * phi.sin()) as f32, weight: weight.map(|w| w as f32) }
     }
+
+    /// Column and row of a 3 deg tile of the disc, then the place inside: a total order, so that sums are reproducible.
+    fn tile(&self) -> (i32, i32, u32, u32) {
+        let tile = |x: f32| (x * 20.0).floor() as i32;
+        (tile(self.y), tile(self.x), self.y.to_bits(), self.x.to_bits())
+    }
 }
 
+/// A lit node: the projector pixel that lights it, and its weight in each channel.
+type Visit = (u32, [f32; 3]);
+
 /// Adds up the patterns' light over the nodes, turned by `phi_o`: `out[channel][pattern]`.
-fn accumulate(nodes: &[Node], phi_o: f64, light: &PatternLight, inverse: &InverseMap, out: &mut [f32]) {
+fn accumulate(
+    nodes: &[Node],
+    phi_o: f64,
+    light: &PatternLight,
+    inverse: &InverseMap,
+    visits: &mut Vec<Visit>,
+    out: &mut [f32],
+) {
     let (sin, cos) = (phi_o.sin() as f32, phi_o.cos() as f32);
-    let (red, rest) = out.split_at_mut(light.patterns);
-    let (green, blue) = rest.split_at_mut(light.patterns);
+    visits.clear();
+    visits.reserve(nodes.len());
     for node in nodes {
         let (u, v) = inverse.pixel(cos * node.x - sin * node.y, sin * node.x + cos * node.y);
-        let Some(row) = light.at(u, v) else { continue };
-        let [wr, wg, wb] = node.weight;
-        for (((r, g), b), &l) in red.iter_mut().zip(green.iter_mut()).zip(blue.iter_mut()).zip(row) {
-            *r += wr * l;
-            *g += wg * l;
-            *b += wb * l;
+        if let Some(pixel) = light.pixel(u, v) {
+            visits.push((pixel, node.weight));
+        }
+    }
+    for (block, pixels) in light.blocks.iter().enumerate() {
+        let mut sums = [[0.0f32; BLOCK]; 3];
+        for (pixel, weight) in visits.iter() {
+            let row = &pixels[*pixel as usize];
+            for (sums, weight) in sums.iter_mut().zip(weight) {
+                for (sum, light) in sums.iter_mut().zip(row) {
+                    *sum += weight * light;
+                }
+            }
+        }
+        let first = block * BLOCK;
+        let n = BLOCK.min(light.patterns - first);
+        for (channel, sums) in sums.iter().enumerate() {
+            out[channel * light.patterns + first..][..n].copy_from_slice(&sums[..n]);
         }
     }
 }
@@ -251,6 +314,12 @@ impl Blend {
         let t = (2.0 * (1.0 - chi / self.radius)).clamp(0.0, 1.0);
         t * t * t * (10.0 + t * (6.0 * t - 15.0))
     }
+}
+
+/// The dome and a degree beyond, where nothing is lit: means over pixels at the zone's edge reach out there.
+fn widened(dome: &Zone) -> Zone {
+    let margin = 1f64.to_radians();
+    Zone::new((dome.theta_min() - margin).max(0.0), dome.theta_max() + margin).expect("wider than a zone")
 }
 
 /// A Fibonacci lattice, uniform over the dome's solid angle, for all but the lobe's share.

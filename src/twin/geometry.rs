@@ -97,49 +97,73 @@ fn shifted(lens: Lens, offset: [f64; 2]) -> Lens {
     Lens { centre_u: lens.centre_u + offset[0], centre_v: lens.centre_v + offset[1], ..lens }
 }
 
-/// Directions back to a device's pixels: a table over the disc (theta cos phi, theta sin phi).
+/// Directions back to a device's pixels: the nominal radial map and a small table of what the perturbation adds to it.
 ///
-/// Bilinear between nodes 0.5 deg apart, where the map is smooth: within 0.01 px.
+/// Arguments are points (theta cos phi, theta sin phi) of a disc, in radians; within 0.01 px.
 #[derive(Debug, Clone)]
 pub struct InverseMap {
-    pixels: Vec<[f32; 2]>,
-    reach: f64,
+    centre: [f32; 2],
+    handedness: f32,
+    reach: f32,
+    /// Pixels per radian over theta^2, `STEPS + 1` values up to reach^2.
+    scale: Vec<f32>,
+    /// Displacement at `NODES` x `NODES` points over [-reach, reach]^2.
+    shift: Vec<[f32; 2]>,
 }
 
-/// Nodes along each side of the table.
-const NODES: usize = 385;
+/// Nodes along each side of the table of displacements.
+const NODES: usize = 33;
+/// Steps of the radial table.
+const STEPS: usize = 1024;
 
 impl InverseMap {
     /// Tabulates the inverse of a device's map up to polar angles of `theta_max` radians.
     pub fn new(device: &PerturbedDevice, theta_max: f64) -> Self {
-        let reach = theta_max * 1.02;
+        let reach = theta_max * 1.05;
         let radial = RadialTable::new(&device.mirrors);
-        let pixels = (0..NODES * NODES)
-            .into_par_iter()
-            .map(|i| {
-                let at = |j: usize| (j as f64 / (NODES - 1) as f64 * 2.0 - 1.0) * reach;
-                let (u, v) = invert(device, &radial, at(i % NODES), at(i / NODES));
-                [u as f32, v as f32]
-            })
-            .collect();
-        Self { pixels, reach }
+        let scale = (0..=STEPS).map(|i| {
+            let theta = (reach * reach * (i as f64 + 1e-9) / STEPS as f64).sqrt();
+            (radial.slope(theta, 0.0).0 / theta * device.lens.focal_px) as f32
+        });
+        let mut map = Self {
+            centre: [device.lens.centre_u as f32, device.lens.centre_v as f32],
+            handedness: device.lens.arm.handedness() as f32,
+            reach: reach as f32,
+            scale: scale.collect(),
+            shift: vec![[0.0; 2]; NODES * NODES],
+        };
+        let nodes = (0..NODES * NODES).into_par_iter().map(|i| {
+            let at = |j: usize| (j as f64 / (NODES - 1) as f64 * 2.0 - 1.0) * reach;
+            // Corners of the square lie beyond the mirrors: take the displacement of the disc's edge there.
+            let (x, y) = (at(i % NODES), at(i / NODES));
+            let shrink = (theta_max / x.hypot(y)).min(1.0);
+            let (x, y) = (x * shrink, y * shrink);
+            let (u, v) = invert(device, &radial, x, y);
+            let (nominal_u, nominal_v) = map.pixel(x as f32, y as f32);
+            [u as f32 - nominal_u, v as f32 - nominal_v]
+        });
+        map.shift = nodes.collect();
+        map
     }
 
     /// Pixel coordinates of the direction at (theta cos phi, theta sin phi), radians, within the reach.
     #[inline]
     pub fn pixel(&self, x: f32, y: f32) -> (f32, f32) {
-        let scale = (NODES - 1) as f32 / (2.0 * self.reach as f32);
-        let fx = ((x + self.reach as f32) * scale).clamp(0.0, (NODES - 2) as f32);
-        let fy = ((y + self.reach as f32) * scale).clamp(0.0, (NODES - 2) as f32);
+        let r = ((x * x + y * y) * (STEPS as f32 / (self.reach * self.reach))).min(STEPS as f32 - 1.0);
+        let i = r as usize;
+        let scale = self.scale[i] + (r - i as f32) * (self.scale[i + 1] - self.scale[i]);
+        let to_node = (NODES - 1) as f32 / (2.0 * self.reach);
+        let fx = ((x + self.reach) * to_node).clamp(0.0, (NODES - 2) as f32);
+        let fy = ((y + self.reach) * to_node).clamp(0.0, (NODES - 2) as f32);
         let (ix, iy) = (fx as usize, fy as usize);
         let (tx, ty) = (fx - ix as f32, fy - iy as f32);
-        let row = &self.pixels[iy * NODES + ix..iy * NODES + ix + NODES + 2];
+        let row = &self.shift[iy * NODES + ix..][..NODES + 2];
         let mix = |k: usize| {
             let top = row[0][k] + tx * (row[1][k] - row[0][k]);
             let bottom = row[NODES][k] + tx * (row[NODES + 1][k] - row[NODES][k]);
             top + ty * (bottom - top)
         };
-        (mix(0), mix(1))
+        (self.centre[0] + x * scale + mix(0), self.centre[1] - self.handedness * y * scale + mix(1))
     }
 }
 
@@ -165,10 +189,10 @@ struct RadialTable {
 
 impl RadialTable {
     fn new(mirrors: &Mirrors) -> Self {
-        const STEPS: usize = 8192;
+        const SAMPLES: usize = 8192;
         let mut table = Self { theta: vec![0.0], slope: vec![0.0] };
-        for i in 1..=STEPS {
-            let rho = mirrors.edge_radius() * 1.03 * i as f64 / STEPS as f64;
+        for i in 1..=SAMPLES {
+            let rho = mirrors.edge_radius() * 1.03 * i as f64 / SAMPLES as f64;
             if let Some(p) = mirrors.profile(rho) {
                 table.theta.push(p.x.atan2(p.z));
                 table.slope.push(rho / (mirrors.centre().z - mirrors.paraboloid_height(rho)));

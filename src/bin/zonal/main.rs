@@ -1,2 +1,89 @@
-//! The command line.
-fn main() {}
+//! The command line: parses, calls, prints. Exit status 0 done, 1 failed, 2 wrong usage or bad input.
+
+mod calibrate;
+mod common;
+mod convert;
+mod demo;
+mod materials;
+mod measure;
+mod patterns;
+mod plan;
+mod reduce;
+mod render;
+
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use clap::{Parser, Subcommand};
+
+#[derive(Parser)]
+#[command(
+    name = "zonal",
+    version,
+    about = "Measures how a flat sample reflects light, with zonal basis lobes in a mirrored dome",
+    after_help = "Exit status: 0 done, 1 failed, 2 wrong usage or bad input."
+)]
+struct Cli {
+    /// Print one JSON object on stdout; messages stay on stderr.
+    #[arg(long, global = true)]
+    json: bool,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// The whole pipeline on the simulated rig and a built-in material, ending in one HTML page.
+    Demo(demo::Args),
+    /// Built-in materials and where their numbers come from.
+    Materials,
+    /// Frames and time of a plan on a rig; moves nothing.
+    Plan(plan::Args),
+    /// The projector frames of a plan.
+    Patterns(patterns::Args),
+    /// Measures what a measurement must know of the rig.
+    Calibrate(calibrate::Args),
+    /// Runs a plan and reduces it to zonal coefficients.
+    Measure(measure::Args),
+    /// Reduces a stored run again.
+    Reduce(reduce::Args),
+    /// Turns a run's zonal coefficients into spherical harmonics.
+    Convert(convert::Args),
+    /// Spheres of a material or a converted run.
+    Render(render::Args),
+}
+
+fn main() -> ExitCode {
+    // A file-size limit is an error of the write, not the end of the program.
+    let ignored = Arc::new(AtomicBool::new(false));
+    if let Err(error) = signal_hook::flag::register(libc::SIGXFSZ, ignored) {
+        eprintln!("warning: a file-size limit will end the program: {error}");
+    }
+    let cli = Cli::parse();
+    let result = match cli.command {
+        Command::Demo(args) => demo::run(&args),
+        Command::Materials => materials::run(),
+        Command::Plan(args) => plan::run(&args),
+        Command::Patterns(args) => patterns::run(&args),
+        Command::Calibrate(args) => calibrate::run(&args),
+        Command::Measure(args) => measure::run(&args),
+        Command::Reduce(args) => reduce::run(&args),
+        Command::Convert(args) => convert::run(&args),
+        Command::Render(args) => render::run(&args),
+    };
+    match result {
+        Ok(report) => {
+            if cli.json {
+                println!("{}", report.json);
+            } else {
+                println!("{}", report.text);
+            }
+            ExitCode::SUCCESS
+        }
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            common::exit_code(&error)
+        }
+    }
+}

@@ -1,0 +1,117 @@
+//! What the commands share: loading with names in messages, progress, results, exit codes.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+
+use anyhow::Context;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use zonal::calibrate::{CalibrateError, CalibrationSet};
+use zonal::capture::CaptureError;
+use zonal::measure::MeasureError;
+use zonal::optics::Rig;
+use zonal::patterns::Plan;
+use zonal::reduce::ReduceError;
+use zonal::reflectance::Brdf;
+use zonal::store;
+use zonal::twin::{TwinBench, TwinConfig};
+
+/// What a command has to say, twice.
+pub struct Report {
+    /// For people.
+    pub text: String,
+    /// For programs.
+    pub json: serde_json::Value,
+}
+
+/// Reads a rig file.
+pub fn rig(path: &Path) -> anyhow::Result<Rig> {
+    let text = store::read_text(path)?;
+    Rig::from_toml(&text).with_context(|| path.display().to_string())
+}
+
+/// Reads a plan file.
+pub fn plan(path: &Path) -> anyhow::Result<Plan> {
+    let text = store::read_text(path)?;
+    Plan::from_toml(&text).with_context(|| path.display().to_string())
+}
+
+/// A progress bar over frames on stderr, with the rig's time left; silent where nobody watches.
+pub fn frames_bar(what: &str) -> impl FnMut(usize, usize, f64) + use<> {
+    let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(10));
+    let style = ProgressStyle::with_template("{prefix:12} {bar:32} {pos}/{len} frames  {elapsed} gone, {eta} left  {msg}");
+    bar.set_style(style.expect("a valid template"));
+    bar.set_prefix(what.to_owned());
+    move |done, all, rig_left_s| {
+        bar.set_length(all as u64);
+        bar.set_position(done as u64);
+        bar.set_message(format!("(on the rig {rig_left_s:.0} s left)"));
+        if done == all {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+/// The calibrations in a folder or, for a simulated rig without one, made now on that rig.
+pub fn calibration(folder: Option<&Path>, rig: &Rig, config: &TwinConfig) -> anyhow::Result<CalibrationSet> {
+    if let Some(folder) = folder {
+        return Ok(CalibrationSet::read(folder, rig)?);
+    }
+    // Calibrations and measurements must not share their noise.
+    let config = TwinConfig { seed: config.seed ^ CALIBRATION_NOISE, ..config.clone() };
+    let mut bench = TwinBench::new(rig, config, zonal::reflectance::open("gray-card")?);
+    Ok(CalibrationSet::make(rig, &mut bench, &mut frames_bar("calibrate"))?)
+}
+
+const CALIBRATION_NOISE: u64 = 0xCA11_B8A7;
+
+/// A simulated rig for a sample.
+pub fn bench(rig: &Rig, config: &TwinConfig, sample: Arc<dyn Brdf>) -> TwinBench {
+    TwinBench::new(rig, config.clone(), sample)
+}
+
+/// The path of a file to write whose folder must exist: found out before anything is computed.
+pub fn writable(path: &Path) -> anyhow::Result<PathBuf> {
+    let folder = match path.parent() {
+        Some(p) if !p.as_os_str().is_empty() => p,
+        _ => Path::new("."),
+    };
+    if !folder.is_dir() || path.is_dir() {
+        let reason = if path.is_dir() { "it is a folder" } else { "its parent is not a folder" };
+        return Err(BadUsage(format!("cannot write {}: {reason}; choose another --out", path.display())).into());
+    }
+    Ok(path.to_owned())
+}
+
+/// A folder that can be made: found out before anything is computed.
+pub fn makeable(path: &Path) -> anyhow::Result<()> {
+    let blocked = path.ancestors().find(|p| p.exists() && !p.is_dir());
+    if let Some(file) = blocked {
+        let message = format!("cannot make {}: {} is a file; choose another --out", path.display(), file.display());
+        return Err(BadUsage(message).into());
+    }
+    Ok(())
+}
+
+/// A request that cannot be met as it stands.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct BadUsage(pub String);
+
+/// 1 where a device failed or a computation broke down, 2 where the request or its files must change.
+pub fn exit_code(error: &anyhow::Error) -> ExitCode {
+    let device = |e: &CaptureError| matches!(e, CaptureError::Device { .. });
+    let failed = error.chain().any(|cause| {
+        cause.downcast_ref::<CaptureError>().is_some_and(device)
+            || matches!(cause.downcast_ref(), Some(MeasureError::Capture(e)) if device(e))
+            || matches!(cause.downcast_ref(), Some(CalibrateError::Capture(e)) if device(e))
+            || matches!(cause.downcast_ref(), Some(CalibrateError::DarkFlatField))
+            || matches!(cause.downcast_ref(), Some(ReduceError::Incomplete { .. }))
+    });
+    if failed { ExitCode::from(1) } else { ExitCode::from(2) }
+}
+
+/// Why a command that needs a rig cannot go on without `--simulate`.
+pub fn no_devices() -> anyhow::Error {
+    BadUsage("this program was built without device back ends: add --simulate to use the simulated rig".into()).into()
+}

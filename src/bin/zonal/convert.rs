@@ -1,0 +1,85 @@
+//! `zonal convert`.
+
+use std::path::PathBuf;
+
+use clap::ValueEnum;
+use zonal::basis::{Conversion, Method};
+use zonal::export::ShMaterial;
+use zonal::measure::RunRecord;
+use zonal::reduce::Coefficients;
+
+use crate::common::{self, BadUsage, Report};
+
+#[derive(Clone, Copy, ValueEnum)]
+enum MethodArg {
+    /// The literal dual basis of the thesis; refused where its noise explodes.
+    Thesis,
+    /// The dual with the small eigenvalues cut.
+    Truncated,
+    /// Harmonics that vanish at the horizon, up to the next order.
+    Parity,
+}
+
+impl From<MethodArg> for Method {
+    fn from(arg: MethodArg) -> Self {
+        match arg {
+            MethodArg::Thesis => Method::Thesis,
+            MethodArg::Truncated => Method::Truncated,
+            MethodArg::Parity => Method::Parity,
+        }
+    }
+}
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// Run folder.
+    run: PathBuf,
+    /// How values outside the zone are found.
+    #[arg(long, default_value = "parity")]
+    method: MethodArg,
+    /// Zonal order to use, at most the run's.
+    #[arg(long)]
+    order: Option<usize>,
+    /// OpenEXR file to write.
+    #[arg(long)]
+    out: PathBuf,
+    /// Convert even where noise exceeds the signal.
+    #[arg(long)]
+    force: bool,
+}
+
+pub fn run(args: &Args) -> anyhow::Result<Report> {
+    let out = common::writable(&args.out)?;
+    RunRecord::read(&args.run)?;
+    let measured = Coefficients::read(&args.run.join("coefficients.exr"))?;
+    let order = args.order.unwrap_or(measured.order);
+    if order > measured.order {
+        let message = format!("--order {order} exceeds the run's order {}: choose a smaller one", measured.order);
+        return Err(BadUsage(message).into());
+    }
+    let coefficients = measured.truncated(order);
+    let conversion = Conversion::new(args.method.into(), coefficients.grid.zone(), order)?;
+    if !args.force {
+        conversion.check(coefficients.noise_rel())?;
+    }
+    ShMaterial::new(&coefficients, &conversion).write(&out)?;
+    let text = format!(
+        "{} at order {order}: condition {:.2e}, noise gain {:.3} in and {:.3} out of the zone; {}",
+        conversion.method.name(),
+        conversion.condition,
+        conversion.noise_gain_in,
+        conversion.noise_gain_out,
+        out.display()
+    );
+    let json = serde_json::json!({
+        "method": conversion.method.name(),
+        "order": order,
+        "sh_order": conversion.sh_order,
+        "condition": conversion.condition,
+        "noise_gain_in": conversion.noise_gain_in,
+        "noise_gain_out": conversion.noise_gain_out,
+        "noise_rel": coefficients.noise_rel(),
+        "out": out,
+    });
+    Ok(Report { text, json })
+}

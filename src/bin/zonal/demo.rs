@@ -1,0 +1,248 @@
+//! `zonal demo`: everything once, ending in a page.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use zonal::basis::{Conversion, Method, lm, size};
+use zonal::capture::{Crop, RunFolder};
+use zonal::export::ShMaterial;
+use zonal::geometry::Direction;
+use zonal::measure::{Measurement, Provenance, lobe_pairs, measure};
+use zonal::optics::Rig;
+use zonal::patterns::{Plan, Timing};
+use zonal::reduce::Coefficients;
+use zonal::reflectance::{Brdf, ZoneErrors, open};
+use zonal::render::{Image, Probe, sphere_directional, sphere_probe};
+use zonal::report::{
+    AccuracyPoint, DemoReport, MethodRow, Picture, Slice, SpectrumPoint, pattern_png, plane_png,
+};
+use zonal::store;
+use zonal::twin::TwinConfig;
+
+use crate::common::{self, Report};
+use crate::render::key_light;
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// Folder for the page, the run and the coefficients.
+    #[arg(long, default_value = "zonal-demo")]
+    out: PathBuf,
+    /// Material to measure: a .bsdf or .binary file, or a name of `zonal materials`.
+    #[arg(long, default_value = "gold-metallic-paint3")]
+    material: String,
+    /// Seed of the simulated noise.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+}
+
+const RIG: &str = include_str!("../../../optics/ghosh-2007-built.toml");
+/// Order of the run the page is about.
+const ORDER: usize = 4;
+/// Largest order on the chart of speed against accuracy.
+const CHART_ORDER: usize = 6;
+
+pub fn run(args: &Args) -> anyhow::Result<Report> {
+    let started = std::time::Instant::now();
+    common::makeable(&args.out)?;
+    let truth = open(&args.material)?;
+    let rig = Rig::from_toml(RIG)?;
+    let config = TwinConfig::pinhole(args.seed);
+    let run = (1..).map(|i| args.out.join(format!("run-{i}"))).find(|p| !p.exists()).expect("some number is free");
+    let mut folder = RunFolder::create(&run, false)?;
+    let calibration = common::calibration(None, &rig, &config)?;
+
+    let provenance = Provenance {
+        sample: args.material.clone(),
+        simulation: Some(serde_json::to_value(&config).expect("plain data")),
+    };
+    let plan = Plan::of_order(ORDER);
+    let mut bench = common::bench(&rig, &config, truth.clone());
+    let mut bar = common::frames_bar("order 4");
+    let measured =
+        measure(&rig, &plan, &mut bench, &calibration, provenance.clone(), Some(&mut folder), &mut bar)?;
+    let sh = convert(&measured.coefficients, Method::Parity, ORDER)?;
+    let exr = run.join("sh-parity.exr");
+    sh.write(&exr)?;
+
+    // The chart's orders are the beginnings of one longer run.
+    let mut bar = common::frames_bar("orders 0-6");
+    let longer = measure(&rig, &Plan::of_order(CHART_ORDER), &mut bench, &calibration, provenance, None, &mut bar)?;
+
+    let page = page(args, &rig, &plan, &config, &calibration, &measured, &longer, truth, &sh)?;
+    let html = args.out.join("index.html");
+    store::write(&html, page.to_html().as_bytes())?;
+    let record = &measured.record;
+    let text = format!(
+        "{}: order {ORDER}, {} frames, {:.1} s on the rig; computed in {:.0} s\nerror of f_cos {:.1}% in the zone, {:.1}% outside\npage: {}\nrun:  {}\nSH:   {}",
+        args.material,
+        record.frames,
+        record.rig_s,
+        started.elapsed().as_secs_f64(),
+        100.0 * page.accuracy[ORDER].error_in,
+        100.0 * page.accuracy[ORDER].error_out,
+        html.display(),
+        run.display(),
+        exr.display()
+    );
+    let json = serde_json::json!({
+        "page": html, "run": run, "sh": exr, "measure": record, "seconds": started.elapsed().as_secs_f64(),
+        "error_in": page.accuracy[ORDER].error_in, "error_out": page.accuracy[ORDER].error_out,
+    });
+    Ok(Report { text, json })
+}
+
+fn convert(measured: &Coefficients, method: Method, order: usize) -> anyhow::Result<ShMaterial> {
+    let coefficients = measured.truncated(order);
+    Ok(ShMaterial::new(&coefficients, &Conversion::new(method, coefficients.grid.zone(), order)?))
+}
+
+#[allow(clippy::too_many_arguments)]
+fn page(
+    args: &Args,
+    rig: &Rig,
+    plan: &Plan,
+    config: &TwinConfig,
+    calibration: &zonal::calibrate::CalibrationSet,
+    measured: &Measurement,
+    longer: &Measurement,
+    truth: Arc<dyn Brdf>,
+    sh: &ShMaterial,
+) -> anyhow::Result<DemoReport> {
+    let coefficients = &measured.coefficients;
+    let response = &measured.first_response;
+    Ok(DemoReport {
+        title: format!("{} measured by {}", args.material, rig.name),
+        material: args.material.clone(),
+        record: measured.record.clone(),
+        gray_card: calibration.check.clone(),
+        patterns: patterns(rig, plan, calibration)?,
+        response: Picture {
+            caption: "HDR response to the constant pattern: the sample seen from every direction of the zone, e-/s, log scale"
+                .into(),
+            png: plane_png(response.crop.width, response.crop.height, &response.rate, true),
+        },
+        spectrum: spectrum(coefficients),
+        slices: slices(coefficients, truth.as_ref())?,
+        spheres: spheres(sh, truth.as_ref()),
+        accuracy: accuracy(rig, &longer.coefficients, truth.as_ref())?,
+        methods: methods(coefficients, truth.as_ref())?,
+        provenance: vec![
+            ("Software".into(), measured.record.software.clone()),
+            ("Rig".into(), format!("{}: {}", rig.name, rig.source)),
+            ("Plan".into(), plan.name.clone()),
+            ("Material".into(), source(&args.material)),
+            ("Simulated rig".into(), serde_json::to_string(config)?),
+            ("Conversion".into(), "parity (odd spherical harmonics, least squares over the zone)".into()),
+        ],
+    })
+}
+
+fn source(material: &str) -> String {
+    let known = zonal::reflectance::built_in().into_iter().find(|m| m.name == material);
+    known.map_or_else(|| material.to_owned(), |m| format!("{} ({}, {})", m.name, m.family, m.source))
+}
+
+fn patterns(rig: &Rig, plan: &Plan, calibration: &zonal::calibrate::CalibrationSet) -> anyhow::Result<Vec<Picture>> {
+    let p = &rig.projector;
+    let [u0, v0, u1, v1] =
+        rig.projector_map().bounding_box(&rig.zone(), p.width_px, p.height_px).expect("a checked rig shows its zone");
+    let crop = Crop { u0, v0, width: u1 - u0, height: v1 - v0 };
+    let pairs = lobe_pairs(rig, plan, calibration)?;
+    let shown = [0, 2, 3, 6, 8, 12, 16, 24].into_iter().filter(|&k| k < pairs.len());
+    Ok(shown
+        .flat_map(|k| {
+            let (l, m) = lm(k);
+            let lobe = |i: usize, sign: &str| Picture {
+                caption: format!("l = {l}, m = {m}, {sign} lobe"),
+                png: pattern_png(&pairs[k].patterns[i], crop),
+            };
+            if k == 0 { vec![lobe(0, "constant")] } else { vec![lobe(0, "positive"), lobe(1, "negative")] }
+        })
+        .collect())
+}
+
+fn spectrum(coefficients: &Coefficients) -> Vec<SpectrumPoint> {
+    let n = 3 * coefficients.grid.len();
+    let rms = |v: &[f32]| (v.iter().map(|x| f64::from(x * x)).sum::<f64>() / v.len() as f64).sqrt();
+    (0..size(coefficients.order))
+        .map(|k| SpectrumPoint {
+            k,
+            rms: rms(&coefficients.values[k * n..(k + 1) * n]),
+            noise: rms(&coefficients.sigma[k * n..(k + 1) * n]),
+        })
+        .collect()
+}
+
+/// In the plane of incidence; negative theta_i lies on the mirror side of wo.
+fn slices(coefficients: &Coefficients, truth: &dyn Brdf) -> anyhow::Result<Vec<Slice>> {
+    let zone = coefficients.grid.zone();
+    let parity = convert(coefficients, Method::Parity, coefficients.order)?;
+    let truncated = convert(coefficients, Method::Truncated, coefficients.order)?;
+    let curve = |brdf: &dyn Brdf, theta_o: f64| -> Vec<(f64, f64)> {
+        let wo = Direction::from_angles(theta_o.to_radians(), 0.0);
+        let at = |theta_i: f64| {
+            let wi = Direction::from_angles(theta_i.abs().to_radians(), if theta_i < 0.0 { std::f64::consts::PI } else { 0.0 });
+            brdf.eval_cos(&wi, &wo).iter().sum::<f64>() / 3.0
+        };
+        (-179..=179).map(|i| f64::from(i) / 2.0).map(|theta_i| (theta_i, at(theta_i))).collect()
+    };
+    Ok([15.0, 35.0, 55.0]
+        .map(|theta_o_deg| Slice {
+            theta_o_deg,
+            truth: Some(curve(truth, theta_o_deg)),
+            methods: vec![
+                ("parity".into(), curve(&parity, theta_o_deg)),
+                ("truncated".into(), curve(&truncated, theta_o_deg)),
+            ],
+            zone_deg: [zone.theta_min().to_degrees(), zone.theta_max().to_degrees()],
+        })
+        .into())
+}
+
+fn spheres(sh: &ShMaterial, truth: &dyn Brdf) -> Vec<Picture> {
+    const SIZE: usize = 220;
+    let probe = Probe::studio();
+    let directional = |b: &dyn Brdf| sphere_directional(b, key_light(), [std::f64::consts::PI; 3], SIZE);
+    let lit = |b: &dyn Brdf| sphere_probe(b, &probe, SIZE);
+    let pair = |caption: &str, measured: Image, truth: Image| {
+        let difference = measured.relative_rms(&truth).unwrap_or(f64::NAN);
+        Picture {
+            caption: format!("{caption}: measured (left), truth (right); RMS difference {:.1}%", 100.0 * difference),
+            png: Image::side_by_side(&[measured, truth]).to_png(1.0),
+        }
+    };
+    vec![
+        pair("Under a directional light", directional(sh), directional(truth)),
+        pair("In a studio light probe", lit(sh), lit(truth)),
+    ]
+}
+
+fn accuracy(rig: &Rig, measured: &Coefficients, truth: &dyn Brdf) -> anyhow::Result<Vec<AccuracyPoint>> {
+    (0..=measured.order)
+        .map(|order| {
+            let errors = ZoneErrors::new(&convert(measured, Method::Parity, order)?, truth, rig.zone());
+            let rig_s = Plan::of_order(order).rig_time(&Timing::of(rig)).total_s();
+            Ok(AccuracyPoint { order, rig_s, error_in: errors.inside, error_out: errors.outside })
+        })
+        .collect()
+}
+
+fn methods(measured: &Coefficients, truth: &dyn Brdf) -> anyhow::Result<Vec<MethodRow>> {
+    Method::ALL
+        .into_iter()
+        .map(|method| {
+            let conversion = Conversion::new(method, measured.grid.zone(), measured.order)?;
+            let errors = ZoneErrors::new(&ShMaterial::new(measured, &conversion), truth, measured.grid.zone());
+            Ok(MethodRow {
+                method: method.name().into(),
+                order: measured.order,
+                condition: conversion.condition,
+                noise_gain_in: conversion.noise_gain_in,
+                noise_gain_out: conversion.noise_gain_out,
+                error_in: Some(errors.inside),
+                error_out: Some(errors.outside),
+                refused: conversion.check(measured.noise_rel()).err().map(|e| e.to_string()),
+            })
+        })
+        .collect()
+}

@@ -1,0 +1,59 @@
+//! What several integration tests need: rigs, calibrated twins, converged integrals of the truth.
+#![allow(dead_code)]
+
+use std::sync::Arc;
+
+use zonal::basis::Harmonics;
+use zonal::calibrate::CalibrationSet;
+use zonal::geometry::quadrature::polar_about_mirror;
+use zonal::geometry::{Direction, Zone};
+use zonal::measure::{Measurement, Provenance, measure};
+use zonal::optics::Rig;
+use zonal::patterns::Plan;
+use zonal::reflectance::Brdf;
+use zonal::twin::{TwinBench, TwinConfig};
+
+pub fn rig(name: &str) -> Rig {
+    let path = format!("{}/optics/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+    Rig::from_toml(&std::fs::read_to_string(path).unwrap()).unwrap()
+}
+
+/// All calibrations, made on the same twin.
+pub fn calibrated(rig: &Rig, config: &TwinConfig) -> CalibrationSet {
+    let mut bench = TwinBench::new(rig, config.clone(), zonal::reflectance::open("gray-card").unwrap());
+    CalibrationSet::make(rig, &mut bench, &mut |_, _, _| ()).unwrap()
+}
+
+pub fn run(
+    rig: &Rig,
+    plan: &Plan,
+    config: &TwinConfig,
+    calibration: &CalibrationSet,
+    sample: Arc<dyn Brdf>,
+) -> Measurement {
+    let mut bench = TwinBench::new(rig, config.clone(), sample);
+    let provenance = Provenance { sample: "test".into(), simulation: None };
+    measure(rig, plan, &mut bench, calibration, provenance, None, &mut |_, _, _| ()).unwrap()
+}
+
+/// z_k(wo) of a material by direct, converged quadrature: index `k * 3 + channel`.
+///
+/// Polar nodes about the mirror direction, clipped to the zone.
+pub fn true_coefficients(brdf: &dyn Brdf, zone: Zone, order: usize, wo: &Direction) -> Vec<f64> {
+    let basis = Harmonics::zonal(zone, order).unwrap();
+    let mut z = vec![0.0; basis.len()];
+    let mut sums = vec![0.0; 3 * basis.len()];
+    for (wi, w) in polar_about_mirror(wo, 384, 512, zone.theta_max()) {
+        if !zone.contains(wi.theta()) {
+            continue;
+        }
+        basis.eval_direction_into(&wi, &mut z);
+        let f = brdf.eval_cos(&wi, wo);
+        for (k, z) in z.iter().enumerate() {
+            for c in 0..3 {
+                sums[k * 3 + c] += w * z * f[c];
+            }
+        }
+    }
+    sums
+}

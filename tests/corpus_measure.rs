@@ -1,0 +1,79 @@
+//! Measured materials through the whole simulated rig, against converged integrals of the truth.
+#![cfg(feature = "corpus")]
+
+mod common;
+
+use std::path::PathBuf;
+
+use zonal::basis::size;
+use zonal::measure::Measurement;
+use zonal::patterns::Plan;
+use zonal::reflectance::{Brdf, open};
+use zonal::twin::TwinConfig;
+
+fn corpus() -> PathBuf {
+    std::env::var_os("ZONAL_CORPUS").expect("feature `corpus` needs ZONAL_CORPUS, the folder of the measured data").into()
+}
+
+/// RMS over k, wo and channels of measured minus true coefficients, over RMS of the true DC, up to `order`.
+fn error_of_dc(measured: &Measurement, truth: &[(usize, Vec<f64>)], order: usize) -> f64 {
+    let (mut sum, mut dc) = (0.0, 0.0);
+    for (cell, z) in truth {
+        for c in 0..3 {
+            let got = measured.coefficients.spectrum(c, *cell);
+            sum += (0..size(order)).map(|k| (got[k] - z[k * 3 + c]).powi(2)).sum::<f64>() / size(order) as f64;
+            dc += z[c] * z[c];
+        }
+    }
+    (sum / dc).sqrt()
+}
+
+/// Converged truth at a spread of cells: 8 rings, 4 sectors each.
+fn truth(brdf: &dyn Brdf, measured: &Measurement) -> Vec<(usize, Vec<f64>)> {
+    let grid = measured.coefficients.grid;
+    let cells = (0..8).flat_map(|r| (0..4).map(move |s| (r, s)));
+    cells
+        .map(|(r, s)| {
+            let ring = r * (grid.rings() - 1) / 7;
+            let cell = ring * grid.sectors() + (5 * r + 16 * s + 3) % grid.sectors();
+            (cell, common::true_coefficients(brdf, grid.zone(), measured.coefficients.order, &grid.direction(cell)))
+        })
+        .collect()
+}
+
+/// Of DC; mirror-like coats blur the projector's pixels and the misalignment least.
+const TOLERANCE: f64 = 0.01;
+const MIRROR_LIKE: f64 = 0.02;
+
+#[test]
+fn every_rgl_material_is_measured_to_one_percent() {
+    let rig = common::rig("ghosh-2007-built");
+    let config = TwinConfig::pinhole(1).noiseless();
+    let calibration = common::calibrated(&rig, &config);
+    let plan = Plan::of_order(6);
+    let mut files: Vec<_> = std::fs::read_dir(corpus().join("rgl")).unwrap().map(|f| f.unwrap().path()).collect();
+    files.sort();
+    assert_eq!(files.len(), 9);
+    for file in files {
+        let brdf = open(file.to_str().unwrap()).unwrap();
+        let started = std::time::Instant::now();
+        let measured = common::run(&rig, &plan, &config, &calibration, brdf.clone());
+        let seconds = started.elapsed().as_secs_f64();
+        let truth = truth(brdf.as_ref(), &measured);
+        let width = zonal::twin::lobe_width(brdf.as_ref()).to_degrees();
+        let tolerance = if width < 2.0 { MIRROR_LIKE } else { TOLERANCE };
+        // The patterns of orders 2 and 4 are the first of those of order 6.
+        let errors = [2, 4, 6].map(|order| error_of_dc(&measured, &truth, order));
+        eprintln!(
+            "{:30} lobe {width:.2} deg: order 2 {:.4}, 4 {:.4}, 6 {:.4}; saturated {:.4}; {seconds:.1} s",
+            file.file_stem().unwrap().to_string_lossy(),
+            errors[0],
+            errors[1],
+            errors[2],
+            measured.record.saturated_fraction
+        );
+        for error in errors {
+            assert!(error < tolerance, "{}: {error}", file.display());
+        }
+    }
+}
