@@ -57,3 +57,28 @@ pub fn true_coefficients(brdf: &dyn Brdf, zone: Zone, order: usize, wo: &Directi
     }
     sums
 }
+
+/// f_cos rebuilt from SH coefficients known only at the exitant directions of [`zonal::reflectance::EXITANT_DEG`].
+pub struct Reconstruction {
+    pub sh: Harmonics,
+    /// Per exitant direction, mean of the channels.
+    pub y: Vec<Vec<f64>>,
+}
+
+impl Reconstruction {
+    pub fn f_cos(&self, wi: &Direction, wo: &Direction) -> f64 {
+        let theta = wo.theta().to_degrees();
+        let i = zonal::reflectance::EXITANT_DEG.iter().position(|t| (t - theta).abs() < 1e-6).unwrap();
+        self.sh.eval(wi).iter().zip(&self.y[i]).map(|(f, y)| f * y).sum()
+    }
+}
+
+/// Mean of the colour channels of coefficients indexed `k * 3 + channel`.
+pub fn gray(z: &[f64]) -> Vec<f64> {
+    z.chunks(3).map(|c| c.iter().sum::<f64>() / 3.0).collect()
+}
+
+pub fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
