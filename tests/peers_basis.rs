@@ -1,0 +1,179 @@
+//! The basis against SciPy and against 50-digit arithmetic: `bash tests/run.sh`, which sets ZONAL_PYTHON.
+//!
+//! Each test writes what the library computes as JSON; a script in tests/python recomputes and compares it.
+#![cfg(feature = "peers")]
+
+use std::f64::consts::PI;
+use std::path::Path;
+use std::process::Command;
+
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use serde_json::{Value, json};
+use zonal::basis::{Conversion, Harmonics, MAX_ORDER, Method};
+use zonal::geometry::quadrature::zone_mu_angular;
+use zonal::geometry::{Direction, Sample, Zone};
+
+/// Two f64 programs, values up to 2, sines and cosines of 20 phi.
+const SCIPY: f64 = 1e-12;
+/// The library's promise up to the largest order, relative to each function's maximum over the zone, at the same f64 mu.
+const ZONAL: f64 = 1e-13;
+/// Near an end x' is rounded by up to three halves of an ulp below 1, and m = 0 is steep: P_l'(1) = l (l + 1) / 2 = 1275.
+const ZONAL_ENDS: f64 = 1.5 * (f64::EPSILON / 2.0) * 1275.0 + ZONAL / 4.0;
+/// Quadrature and the solve of a block of small condition, relative to the block's largest entry.
+const CONVERSION: f64 = 1e-12;
+/// Rounding in a solve grows with the condition of the Gram matrix; this many units of it are allowed.
+const UNITS: f64 = 8.0;
+/// Nodes of the library's own rule.
+const NODES: usize = 160;
+
+/// Runs a script of tests/python on `cases` and fails with what it says.
+fn ask(script: &str, cases: &Value) {
+    let python = std::env::var_os("ZONAL_PYTHON")
+        .expect("set ZONAL_PYTHON to a Python with tests/python/requirements.txt installed: `bash tests/run.sh` does");
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("cases.json");
+    std::fs::write(&file, cases.to_string()).unwrap();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python").join(script);
+    let output = Command::new(&python).arg("-B").arg(&script).arg(&file).output();
+    let output = output.unwrap_or_else(|e| panic!("ZONAL_PYTHON = {}: {e}", python.display()));
+    let said = String::from_utf8_lossy(&output.stdout);
+    println!("{said}");
+    assert!(output.status.success(), "{}:\n{said}{}", script.display(), String::from_utf8_lossy(&output.stderr));
+}
+
+fn zones() -> [(&'static str, Zone); 2] {
+    [("9..57", Zone::from_degrees(9.0, 57.0).unwrap()), ("9..90", Zone::from_degrees(9.0, 90.0).unwrap())]
+}
+
+#[test]
+fn spherical_harmonics_are_those_of_scipy() {
+    let order = 20;
+    let sh = Harmonics::spherical(order).unwrap();
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(20);
+    let mut directions: Vec<Direction<Sample>> =
+        (0..200).map(|_| Direction::from_mu_phi(rng.random_range(-1.0..1.0), rng.random_range(-PI..PI))).collect();
+    for near in [0.0, 1e-9, 1e-6, 1e-3, 0.03] {
+        let phi = rng.random_range(-PI..PI);
+        directions.extend([Direction::from_angles(near, phi), Direction::from_angles(PI - near, phi)]);
+    }
+    // Both programs start from the same f64 mu: within 1e-8 of a pole theta itself has digits that mu has not.
+    let mu: Vec<f64> = directions.iter().map(Direction::cos_theta).collect();
+    let phi: Vec<f64> = directions.iter().map(Direction::phi).collect();
+    let values: Vec<Vec<f64>> = directions.iter().map(|d| sh.eval(d)).collect();
+    ask("peer_harmonics.py", &json!({ "order": order, "mu": mu, "phi": phi, "values": values, "tolerance": SCIPY }));
+}
+
+/// Polar parts of all m at one mu.
+fn all_parts(basis: &Harmonics, mu: f64) -> Vec<Vec<f64>> {
+    (0..=basis.order())
+        .map(|m| {
+            let mut parts = Vec::new();
+            basis.polar_parts(m, mu, &mut parts);
+            parts
+        })
+        .collect()
+}
+
+#[test]
+fn zonal_functions_keep_thirteen_digits_up_to_the_largest_order() {
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(50);
+    let mut cases = Vec::new();
+    for (name, zone) in zones() {
+        let basis = Harmonics::zonal(zone, MAX_ORDER).unwrap();
+        let (a, b) = (zone.cos_min(), zone.cos_max());
+        let mut inside = vec![a, b, (a + b) / 2.0];
+        inside.extend((0..7).map(|_| rng.random_range(b..a)));
+        let mut ends = vec![a.next_down(), b.next_up()];
+        for _ in 0..7 {
+            let near = 10f64.powf(rng.random_range(-16.0..-2.0));
+            ends.extend([a - near, b + near]);
+        }
+        // Each function's maximum, from a grid fine enough for 50 half waves, and both ends.
+        let mut largest = all_parts(&basis, a);
+        let grid = zone_mu_angular(1000, &zone).into_iter().map(|(mu, _)| all_parts(&basis, mu));
+        for parts in grid.chain([all_parts(&basis, b)]) {
+            for (most, value) in largest.iter_mut().flatten().zip(parts.iter().flatten()) {
+                *most = most.abs().max(value.abs());
+            }
+        }
+        for (place, mu, tolerance) in [("inside", inside, ZONAL), ("near the ends", ends, ZONAL_ENDS)] {
+            let parts: Vec<_> = mu.iter().map(|&mu| all_parts(&basis, mu)).collect();
+            let name = format!("zone {name} {place}");
+            cases.push(json!({
+                "name": name, "a": a, "b": b, "mu": mu, "parts": parts, "largest": largest, "tolerance": tolerance,
+            }));
+        }
+    }
+    ask("peer_zonal.py", &json!(cases));
+}
+
+/// 2 pi integral P_k Q_j dmu by the library's rule.
+fn products(
+    rule: &[(f64, f64)],
+    m: usize,
+    left: (&Harmonics, &[usize]),
+    right: (&Harmonics, &[usize]),
+) -> Vec<Vec<f64>> {
+    let mut sums = vec![vec![0.0; right.1.len()]; left.1.len()];
+    for &(mu, w) in rule {
+        let (mut p, mut q) = (Vec::new(), Vec::new());
+        left.0.polar_parts(m, mu, &mut p);
+        right.0.polar_parts(m, mu, &mut q);
+        for (row, &k) in sums.iter_mut().zip(left.1) {
+            for (sum, &j) in row.iter_mut().zip(right.1) {
+                *sum += 2.0 * PI * w * p[k - m] * q[j - m];
+            }
+        }
+    }
+    sums
+}
+
+fn conversion_case(method: Method, name: &str, zone: Zone, order: usize) -> Value {
+    let conversion = Conversion::new(method, zone, order).unwrap();
+    let (sh, zonal) = (Harmonics::spherical(conversion.sh_order).unwrap(), Harmonics::zonal(zone, order).unwrap());
+    let rule = zone_mu_angular(NODES, &zone);
+    let blocks: Vec<Value> = conversion
+        .blocks
+        .iter()
+        .map(|block| {
+            let columns: Vec<usize> = (block.m..=order).collect();
+            let (rows, columns) = ((&sh, &block.degrees[..]), (&zonal, &columns[..]));
+            let matrix: Vec<Vec<f64>> = block.matrix.row_iter().map(|r| r.iter().copied().collect()).collect();
+            json!({
+                "m": block.m,
+                "degrees": block.degrees,
+                "matrix": matrix,
+                "gram": products(&rule, block.m, rows, rows),
+                "mixed": products(&rule, block.m, rows, columns),
+            })
+        })
+        .collect();
+    let matrix = match method {
+        Method::Parity => CONVERSION,
+        _ => UNITS * conversion.condition * f64::EPSILON,
+    };
+    json!({
+        "name": format!("{} {name} order {order}", method.name()),
+        "a": zone.cos_min(),
+        "b": zone.cos_max(),
+        "order": order,
+        "condition": conversion.condition,
+        "blocks": blocks,
+        "tolerance": { "gram": CONVERSION, "mixed": CONVERSION, "matrix": matrix },
+    })
+}
+
+#[test]
+fn parity_conversions_agree_with_fifty_digits() {
+    let cases = zones().map(|(name, zone)| [4, 8].map(|order| conversion_case(Method::Parity, name, zone, order)));
+    ask("peer_conversion.py", &json!(cases.concat()));
+}
+
+/// Where the literal dual is well conditioned, its digits are lost to the condition number and to nothing else.
+#[test]
+fn literal_duals_of_the_full_zone_agree_as_far_as_their_condition_allows() {
+    let (name, full) = zones()[1];
+    let cases = [2, 3, 4].map(|order| conversion_case(Method::Thesis, name, full, order));
+    ask("peer_conversion.py", &json!(cases));
+}
