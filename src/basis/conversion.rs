@@ -21,7 +21,7 @@ pub const TRUNCATED_CUT: f64 = 3e-2;
 pub enum Method {
     /// The literal dual basis of all SH up to L over the zone (Ghosh 2007, eq. 3.12-3.16). Fails on partial zones.
     Thesis,
-    /// The same dual with the small eigenvalues of the Gram matrix cut at [`TRUNCATED_CUT`].
+    /// The same dual with the small eigenvalues of the Gram matrix cut at `TRUNCATED_CUT`.
     Truncated,
     /// Least squares over the zone in the SH with l + m odd, up to L + 1: those that vanish at the horizon, as f_cos does.
     Parity,

@@ -100,7 +100,8 @@ pub fn capture_sequence(
 fn expose(bench: &mut dyn Bench, rig: &Rig, wanted_s: f64) -> Result<Frame, CaptureError> {
     let achieved_s = bench.camera().set_exposure(wanted_s)?;
     // Negated so that NaN fails.
-    if !((achieved_s / wanted_s - 1.0).abs() <= EXPOSURE_TOLERANCE) {
+    let relative = (achieved_s / wanted_s - 1.0).abs();
+    if relative.is_nan() || relative > EXPOSURE_TOLERANCE {
         return Err(CaptureError::Exposure { wanted_s, achieved_s });
     }
     let frame = bench.camera().grab()?;
