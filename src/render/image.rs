@@ -22,16 +22,11 @@ impl Image {
         Self { width, height, pixels: vec![[0.0; 3]; width * height] }
     }
 
-    /// The image as 8-bit sRGB PNG: values times `exposure`, clamped to 0..=1. NaN becomes black.
+    /// The image as 8-bit sRGB PNG: values times `exposure`, clamped to 0..=1. NaN becomes black, an empty image one black
+    /// pixel, for PNG has no empty ones.
     pub fn to_png(&self, exposure: f32) -> Vec<u8> {
         let bytes = self.pixels.iter().flatten().map(|&v| srgb_byte(v * exposure)).collect();
-        let image = ::image::RgbImage::from_raw(self.width as u32, self.height as u32, bytes);
-        let mut png = Cursor::new(Vec::new());
-        image
-            .expect("three bytes for each pixel")
-            .write_to(&mut png, ::image::ImageFormat::Png)
-            .expect("memory takes any PNG");
-        png.into_inner()
+        rgb_png(self.width, self.height, bytes)
     }
 
     /// Writes [`Image::to_png`] to a file, whole or not at all.
@@ -84,6 +79,17 @@ impl Image {
     }
 }
 
+/// Three bytes for each pixel as PNG; one black pixel if there are none.
+pub(crate) fn rgb_png(width: usize, height: usize, bytes: Vec<u8>) -> Vec<u8> {
+    if bytes.is_empty() {
+        return rgb_png(1, 1, vec![0; 3]);
+    }
+    let image = ::image::RgbImage::from_raw(width as u32, height as u32, bytes).expect("three bytes for each pixel");
+    let mut png = Cursor::new(Vec::new());
+    image.write_to(&mut png, ::image::ImageFormat::Png).expect("memory takes any PNG");
+    png.into_inner()
+}
+
 /// The 8-bit sRGB code of a linear value, clamped (IEC 61966-2-1).
 fn srgb_byte(linear: f32) -> u8 {
     let v = linear.clamp(0.0, 1.0);
@@ -125,6 +131,7 @@ mod tests {
         assert_eq!((row.width, row.height), (98, 64));
         assert_eq!((row.pixels[63][0], row.pixels[65][0], row.pixels[66][0]), (1.0, 0.0, 2.0));
         assert_eq!(Image::side_by_side(&[]), Image::new(0, 0));
+        assert!(::image::load_from_memory(&Image::new(0, 0).to_png(1.0)).is_ok());
         let difference = constant(4, 4, 1.1).relative_rms(&constant(4, 4, 1.0)).unwrap();
         assert!((difference - 0.1).abs() < 1e-6);
         assert_eq!(constant(4, 4, 1.0).relative_rms(&constant(4, 5, 1.0)), None);

@@ -9,6 +9,7 @@ mod probe;
 mod sphere;
 
 pub use image::Image;
+pub(crate) use image::rgb_png;
 pub use lights::ProbeLight;
 pub use probe::{Probe, ProbeError};
 pub use sphere::{sphere_directional, sphere_probe};
