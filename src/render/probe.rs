@@ -104,12 +104,12 @@ impl Probe {
         Self::from_fn(|d| {
             let floor = smoothstep(0.05, -0.25, d.y);
             let front = 0.5 + 0.5 * d.z;
-            let mut light = [0.02, 0.022, 0.026].map(|wall| wall * (1.0 - floor));
+            let mut light = [0.008, 0.009, 0.011].map(|wall| wall * (1.0 - floor));
             let mut add = |amount: f64, colour: [f64; 3]| (0..3).for_each(|c| light[c] += amount * colour[c]);
-            add(floor * (0.03 + 0.25 * front * front), [1.0, 0.94, 0.86]);
-            add(14.0 * soft_box(d, [-0.75, 0.60, 0.70], [0.38, 0.30]), [1.0, 0.97, 0.92]);
-            add(5.0 * soft_box(d, [0.95, 0.25, 0.30], [0.16, 0.55]), [0.84, 0.92, 1.0]);
-            add(40.0 * soft_box(d, [0.55, 0.55, -0.80], [0.10, 0.10]), [1.0, 1.0, 1.0]);
+            add(floor * (0.012 + 0.1 * front * front), [1.0, 0.94, 0.86]);
+            add(5.0 * soft_box(d, [-0.75, 0.60, 0.70], [0.38, 0.30]), [1.0, 0.97, 0.92]);
+            add(2.0 * soft_box(d, [0.95, 0.25, 0.30], [0.16, 0.55]), [0.84, 0.92, 1.0]);
+            add(20.0 * soft_box(d, [0.55, 0.55, -0.80], [0.10, 0.10]), [1.0, 1.0, 1.0]);
             light
         })
     }

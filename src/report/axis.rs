@@ -107,7 +107,8 @@ fn log_ticks(lo: f64, hi: f64) -> Vec<(f64, String)> {
         return mantissas.filter(|&x| inside(x)).map(|x| (x, number(x, 1))).collect();
     }
     let stride = ((hi / lo).log10() / TICKS).ceil().max(1.0) as usize;
-    let label = |e: i32| if (-2..=3).contains(&e) { number(10f64.powi(e), 1) } else { power_of_ten(e) };
+    let plain = first >= -3 && last <= 4;
+    let label = |e: i32| if plain || e == 0 { number(10f64.powi(e), 1) } else { power_of_ten(e) };
     let decades = (first..=last).step_by(stride).map(|e| (10f64.powi(e), label(e)));
     decades.filter(|(x, _)| inside(*x)).collect()
 }
@@ -140,7 +141,7 @@ mod tests {
         let labels = |axis: &Axis, range| axis.ticks_in(range).into_iter().map(|t| t.1).collect::<Vec<_>>();
         assert_eq!(labels(&Axis::linear("x"), [0.0, 10.0]), ["0", "2", "4", "6", "8", "10"]);
         assert_eq!(labels(&Axis::log("x"), [5.0, 100.0]), ["5", "10", "20", "50", "100"]);
-        assert_eq!(labels(&Axis::log("x"), [1e-4, 1.0]), ["10⁻⁴", "10⁻³", "0.01", "0.1", "1"]);
+        assert_eq!(labels(&Axis::log("x"), [1e-4, 1.0]), ["10⁻⁴", "10⁻³", "10⁻²", "10⁻¹", "1"]);
         assert_eq!(Axis::linear("x").fit([0.3, 9.2].into_iter()), [0.0, 10.0]);
         assert_eq!(Axis::log("x").fit([7.0, 60.0].into_iter()), [5.0, 100.0]);
     }

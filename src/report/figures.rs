@@ -3,7 +3,7 @@
 use super::axis::Axis;
 use super::chart::{Chart, Mark, Series};
 use super::polar::{polar_legend, polar_svg};
-use super::text::{escape, number};
+use super::text::{degrees, escape};
 use super::{AccuracyPoint, Slice, SpectrumPoint};
 use crate::basis::lm;
 
@@ -60,11 +60,15 @@ pub fn spectrum_chart(points: &[SpectrumPoint]) -> Chart {
 /// A chart as a figure, its legend below.
 pub fn chart_figure(chart: &Chart, caption: &str) -> String {
     let caption = escape(caption);
-    format!("<figure class=\"wide\">{}{}<figcaption>{caption}</figcaption></figure>\n", chart.to_svg(), chart.legend())
+    format!(
+        "<figure class=\"wide\">{}<figcaption>{}<p>{caption}</p></figcaption></figure>\n",
+        chart.to_svg(),
+        chart.legend()
+    )
 }
 
 /// A slice as a figure, its legend below.
 pub fn slice_figure(slice: &Slice) -> String {
-    let caption = format!("Camera at θₒ = {}°", number(slice.theta_o_deg, 3));
+    let caption = format!("Camera at θₒ = {}°", degrees(slice.theta_o_deg));
     format!("<figure>{}{}<figcaption>{caption}</figcaption></figure>\n", polar_svg(slice), polar_legend(slice))
 }

@@ -4,7 +4,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 
 use super::figures::{accuracy_chart, chart_figure, slice_figure, spectrum_chart};
-use super::text::{escape, number, percent, seconds, signed_percent};
+use super::text::{degrees, escape, number, percent, seconds, signed_percent};
 use super::{DemoReport, MethodRow, Picture};
 
 /// The whole page.
@@ -42,15 +42,15 @@ fn summary(report: &DemoReport) -> String {
             percent(outside)
         );
     }
-    let zone = format!("{}° to {}°", number(r.zone_deg[0], 3), number(r.zone_deg[1], 3));
-    let frames = format!("{} of {} patterns", r.frames, r.images);
+    let zone = format!("{}° to {}°", degrees(r.zone_deg[0]), degrees(r.zone_deg[1]));
+    let frames = format!("{} ({})", r.frames, r.images);
     let facts = [
         ("Rig time", seconds(r.rig_s)),
-        ("Camera frames", frames),
+        ("Frames (patterns)", frames),
         ("Measured zone", zone),
-        ("Noise (RMS σ / RMS z₀₀)", percent(r.noise_rel)),
+        ("Noise, relative to z₀₀", percent(r.noise_rel)),
         ("Saturated pixels", percent(r.saturated_fraction)),
-        ("From last frame to result", seconds(r.post_s)),
+        ("Last frame to result", seconds(r.post_s)),
     ];
     let tiles = facts.map(|(name, value)| format!("<div><dt>{name}</dt><dd>{value}</dd></div>\n"));
     format!("<p class=\"summary\">{sentence}.</p>\n<dl class=\"facts\">\n{}</dl>\n", tiles.concat())
@@ -86,7 +86,8 @@ fn slices(report: &DemoReport) -> String {
         return String::new();
     }
     heading("Slices in the plane of incidence")
-        + "<p class=\"note\">Radius: f cos θᵢ, linear. Light angles θᵢ are positive away from the camera. Shaded: the measured zone. \
+        + "<p class=\"note\">The radius is the cube root of f cos θᵢ, so that a lobe and what lies beside it are both seen. Light angles θᵢ are positive \
+           away from the camera. Shaded: the measured zone. \
            Triangle: the camera. Dotted line: the mirror direction. Negative values lie at the centre, values beyond the scale on the rim.</p>\n"
         + "<div class=\"pair\">\n"
         + &report.slices.iter().map(slice_figure).collect::<String>()
@@ -116,7 +117,6 @@ fn gray_card(report: &DemoReport) -> String {
         ("z₁₀, deviation from the ideal diffuser", signed_percent(c.z_10_error), "about 2 %"),
         ("z₂₀, deviation from 0", signed_percent(c.z_20_error), "about 10 %"),
         ("Worst coefficient of any channel", percent(c.worst_error), "–"),
-        ("White balance, scale R : G : B", balance, "–"),
     ];
     let rows = rows.map(|(name, here, thesis)| {
         format!(
@@ -128,7 +128,7 @@ fn gray_card(report: &DemoReport) -> String {
         + "<table>\n<thead><tr><th scope=\"col\">Quantity</th><th scope=\"col\" class=\"number\">This rig</th>\
            <th scope=\"col\" class=\"number\">Thesis</th></tr></thead>\n<tbody>\n"
         + &rows.concat()
-        + "</tbody>\n</table>\n"
+        + &format!("</tbody>\n</table>\n<p class=\"note\">White balance, scale of R : G : B: {balance}.</p>\n")
 }
 
 /// Columns of the methods table after the method's name.

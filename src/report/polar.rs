@@ -1,4 +1,4 @@
-//! Slices of f_cos as half discs.
+//! Slices of f_cos as half discs, the radius by its cube root: a lobe and what lies beside it are both seen.
 
 use super::Slice;
 use super::chart::{Mark, legend, path};
@@ -22,7 +22,7 @@ fn finite(point: &&(f64, f64)) -> bool {
     point.1.is_finite() && (-90.0..=90.0).contains(&point.0)
 }
 
-/// The value at the rim: a round number that holds the truth and, within reason, the rest.
+/// The value at the rim, eight times a round number (that at half the radius), that holds the truth and, within reason, the rest.
 fn rim(slice: &Slice) -> f64 {
     let largest = |curve: &[(f64, f64)]| curve.iter().filter(finite).map(|p| p.1).fold(0.0, f64::max);
     let truth = slice.truth.as_deref().map_or(0.0, largest);
@@ -31,9 +31,9 @@ fn rim(slice: &Slice) -> f64 {
     if value <= 0.0 {
         return 1.0;
     }
-    let decade = 10f64.powf(value.log10().floor());
-    let round = [1.0, 1.2, 1.6, 2.0, 2.4, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0];
-    let nice = round.into_iter().map(|m| m * decade).find(|r| *r >= value * (1.0 - 1e-9));
+    let decade = 10f64.powf((value / 8.0).log10().floor());
+    let round = [1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0];
+    let nice = round.into_iter().map(|m| 8.0 * m * decade).find(|r| *r >= value * (1.0 - 1e-9));
     nice.filter(|r| r.is_normal()).unwrap_or(value)
 }
 
@@ -54,10 +54,10 @@ pub fn polar_svg(slice: &Slice) -> String {
         let (x, y) = at(-slice.theta_o_deg, 1.0);
         let turn = -slice.theta_o_deg;
         svg += &format!(
-            "<path class=\"camera\" transform=\"translate({x:.1} {y:.1}) rotate({turn:.1})\" d=\"M0 0l6 -10h-12z\"/>\n"
+            "<path class=\"camera\" transform=\"translate({x:.1} {y:.1}) rotate({turn:.1})\" d=\"M0 11l6 -11h-12z\"/>\n"
         );
     }
-    let radius = |f: f64| (f / rim).clamp(0.0, 1.0);
+    let radius = |f: f64| (f / rim).clamp(0.0, 1.0).cbrt();
     let draw = |style: usize, curve: &[(f64, f64)]| {
         let points = curve.iter().map(|p| finite(&p).then(|| at(p.0, radius(p.1))));
         format!("<path class=\"line s{}\" d=\"{}\"/>\n", super::chart::style_of(style), path(points))
@@ -96,7 +96,7 @@ fn grid(rim: f64) -> String {
     for r in [0.5, 1.0] {
         let ((x0, y), (x1, _), radius) = (at(-90.0, r), at(90.0, r), r * RADIUS);
         svg += &format!("<path class=\"grid\" d=\"M{x0:.1} {y}A{radius} {radius} 0 0 1 {x1:.1} {y}\"/>\n");
-        let label = escape(&number(r * rim, 2));
+        let label = escape(&number(r * r * r * rim, 2));
         svg += &format!("<text class=\"mid\" x=\"{x1:.1}\" y=\"{:.1}\">{label}</text>\n", y + 16.0);
     }
     for degrees in [-90i32, -60, -30, 0, 30, 60, 90] {
@@ -109,5 +109,7 @@ fn grid(rim: f64) -> String {
         svg += &format!("<text class=\"mid\" x=\"{x:.1}\" y=\"{:.1}\">{sign}{angle}°</text>\n", y + 4.0);
     }
     let (x, y) = (MIDDLE.0, HEIGHT - 8.0);
-    svg + &format!("<text class=\"mid name\" x=\"{x}\" y=\"{y}\">radius: f cos θᵢ (1/sr), angle: θᵢ</text>\n")
+    svg + &format!(
+        "<text class=\"mid name\" x=\"{x}\" y=\"{y}\">radius: cube root of f cos θᵢ (rings in 1/sr)</text>\n"
+    )
 }

@@ -59,13 +59,18 @@ pub fn signed_percent(ratio: f64) -> String {
     format!("{sign}{}", percent(ratio))
 }
 
-/// A time in seconds, from minutes on in minutes and seconds too.
+/// An angle to a hundredth of a degree, without the sign of the unit.
+pub fn degrees(x: f64) -> String {
+    if x.is_finite() { format!("{}", (100.0 * x).round() / 100.0) } else { "–".into() }
+}
+
+/// A time in seconds, below one in milliseconds, from minutes on in minutes and seconds too.
 pub fn seconds(s: f64) -> String {
     if s >= 120.0 && s.is_finite() {
         let whole = s.round();
         format!("{} s ({:.0} min {:.0} s)", number(whole, 3), (whole / 60.0).floor(), whole % 60.0)
-    } else if s.abs() < 0.01 {
-        format!("{} ms", number(1e3 * s, 2))
+    } else if s != 0.0 && s.abs() < 1.0 {
+        format!("{} ms", number(1e3 * s, 3))
     } else {
         format!("{} s", number(s, 3))
     }
@@ -91,7 +96,8 @@ mod tests {
         }
         assert_eq!((percent(0.0123).as_str(), percent(638.0).as_str()), ("1.2 %", "63800 %"));
         assert_eq!((signed_percent(0.02).as_str(), signed_percent(-0.02).as_str()), ("+2.0 %", "−2.0 %"));
-        assert_eq!((seconds(20.0).as_str(), seconds(0.004).as_str()), ("20.0 s", "4.0 ms"));
+        assert_eq!((seconds(20.0).as_str(), seconds(0.004).as_str()), ("20.0 s", "4.00 ms"));
+        assert_eq!((degrees(57.0).as_str(), degrees(9.154).as_str()), ("57", "9.15"));
         assert_eq!(seconds(300.0), "300 s (5 min 0 s)");
     }
 
