@@ -151,9 +151,9 @@ mod tests {
         for count in [2, 100, 512] {
             let lights = probe.lights(count);
             assert_eq!(lights.len(), count);
-            for c in 0..3 {
+            for (c, want) in want.iter().enumerate() {
                 let got: f64 = lights.iter().map(|l| l.irradiance[c]).sum();
-                assert!((got / want[c] - 1.0).abs() < 1e-9, "{got} instead of {}", want[c]);
+                assert!((got / want - 1.0).abs() < 1e-9, "{got} instead of {want}");
             }
         }
     }
