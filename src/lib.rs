@@ -23,5 +23,5 @@ pub mod calibrate;
 pub mod measure;
 pub mod twin;
 pub mod export;
-// pub mod render;
-// pub mod report;
+pub mod render;
+pub mod report;

@@ -1,0 +1,74 @@
+//! The charts of the page.
+
+use super::axis::Axis;
+use super::chart::{Chart, Mark, Series};
+use super::polar::{polar_legend, polar_svg};
+use super::text::{degrees, escape};
+use super::{AccuracyPoint, Slice, SpectrumPoint};
+use crate::basis::lm;
+
+/// What the rig of the thesis needs for order 4, s (Ghosh 2007, chapter 3).
+const THESIS_RIG_S: f64 = 60.0;
+
+/// Error against rig time, both logarithmic, labelled by order.
+pub fn accuracy_chart(points: &[AccuracyPoint]) -> Chart {
+    let mut points = points.to_vec();
+    points.sort_by(|a, b| a.rig_s.total_cmp(&b.rig_s));
+    let labels: Vec<String> = points.iter().map(|p| format!("L{}", p.order)).collect();
+    let curve = |error: fn(&AccuracyPoint) -> f64| points.iter().map(|p| (p.rig_s, error(p))).collect();
+    let outside =
+        Series { labels: labels.clone(), ..Series::new("outside the zone", curve(|p| p.error_out), Mark::Both, 2) };
+    let inside =
+        Series { labels, labels_below: true, ..Series::new("inside the zone", curve(|p| p.error_in), Mark::Both, 1) };
+    Chart {
+        description: "Relative error inside and outside the zone against rig time, one point for each zonal order"
+            .into(),
+        x: Axis::log("rig time (s)"),
+        y: Axis::log("relative error (RMS, no unit)"),
+        series: vec![inside, outside],
+        markers: vec![(THESIS_RIG_S, "thesis rig: order 4 in about 60 s".into())],
+        bands: Vec::new(),
+    }
+}
+
+/// Size and noise of every coefficient; each degree l has a band of the same width, m runs from -l to l inside it.
+pub fn spectrum_chart(points: &[SpectrumPoint]) -> Chart {
+    let place = |k: usize| {
+        let (l, m) = lm(k);
+        let l = l as f64;
+        l + (f64::from(m) + l + 0.5) / (2.0 * l + 1.0)
+    };
+    let degrees = points.iter().map(|p| lm(p.k).0 + 1).max().unwrap_or(1);
+    let curve = |value: fn(&SpectrumPoint) -> f64| points.iter().map(|p| (place(p.k), value(p))).collect();
+    Chart {
+        description: "RMS over exitant directions of each zonal coefficient and of its noise, grouped by degree".into(),
+        x: Axis {
+            ticks: Some((0..degrees).map(|l| (l as f64 + 0.5, l.to_string())).collect()),
+            range: Some([0.0, degrees as f64]),
+            ..Axis::linear("degree l (inside a band: m = −l to l)")
+        },
+        y: Axis::log("RMS over wo (1/√sr)"),
+        series: vec![
+            Series::new("noise, standard error", curve(|p| p.noise), Mark::Line, 2),
+            Series::new("coefficient |z|", curve(|p| p.rms), Mark::Points, 1),
+        ],
+        markers: Vec::new(),
+        bands: (0..degrees).skip(1).step_by(2).map(|l| [l as f64, l as f64 + 1.0]).collect(),
+    }
+}
+
+/// A chart as a figure, its legend below.
+pub fn chart_figure(chart: &Chart, caption: &str) -> String {
+    let caption = escape(caption);
+    format!(
+        "<figure class=\"wide\">{}<figcaption>{}<p>{caption}</p></figcaption></figure>\n",
+        chart.to_svg(),
+        chart.legend()
+    )
+}
+
+/// A slice as a figure, its legend below.
+pub fn slice_figure(slice: &Slice) -> String {
+    let caption = format!("Camera at θₒ = {}°", degrees(slice.theta_o_deg));
+    format!("<figure>{}{}<figcaption>{caption}</figcaption></figure>\n", polar_svg(slice), polar_legend(slice))
+}
