@@ -13,7 +13,9 @@ use zonal::reflectance::{Brdf, open};
 use zonal::twin::TwinConfig;
 
 fn corpus() -> PathBuf {
-    std::env::var_os("ZONAL_CORPUS").expect("feature `corpus` needs ZONAL_CORPUS, the folder of the measured data").into()
+    std::env::var_os("ZONAL_CORPUS")
+        .expect("feature `corpus` needs ZONAL_CORPUS, the folder of the measured data")
+        .into()
 }
 
 /// RMS over k, wo and channels of measured minus true coefficients, over RMS of the true DC, up to `order`.

@@ -28,7 +28,12 @@ fn outside(method: Method, order: usize, noise: f64) -> Vec<f64> {
                 let wo = Direction::from_angles(theta.to_radians(), 0.0);
                 let mut z = gray(&true_coefficients(&material.brdf, zone, order, &wo));
                 let sigma = noise * z[0];
-                z.iter_mut().for_each(|z| *z += sigma * { let n: f64 = StandardNormal.sample(&mut rng); n });
+                z.iter_mut().for_each(|z| {
+                    *z += sigma * {
+                        let n: f64 = StandardNormal.sample(&mut rng);
+                        n
+                    }
+                });
                 conversion.apply(&z)
             });
             let sh = Harmonics::spherical(conversion.sh_order).unwrap();

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use crate::basis::{Conversion, Harmonics, MAX_ORDER, size};
 use crate::geometry::{Direction, ExitantGrid, Sample, Zone};
 use crate::reduce::Coefficients;
-use crate::reflectance::Brdf;
+use crate::reflectance::{Brdf, Towards};
 use crate::store::{Layers, Plane, StoreError};
 
 /// f_cos(wi, wo) = sum over k of y_k(wo) Y_k(wi): real SH over incident directions, a table over exitant ones.
@@ -63,16 +63,28 @@ impl ShMaterial {
 
     /// f_cos without clamping: a reconstruction may be negative.
     pub fn f_cos(&self, wi: &Direction<Sample>, wo: &Direction<Sample>) -> [f64; 3] {
+        self.expand(wi, &self.at(wo))
+    }
+
+    /// Coefficients of all functions towards `wo`, `[k][channel]`.
+    fn at(&self, wo: &Direction<Sample>) -> Vec<[f64; 3]> {
+        let taps = self.grid.bilinear(wo.theta(), wo.phi());
+        let n = self.grid.len();
+        let value = |k: usize, c: usize| {
+            let plane = &self.values[(k * 3 + c) * n..][..n];
+            taps.iter().map(|&(cell, w)| w * f64::from(plane[cell])).sum::<f64>()
+        };
+        (0..self.harmonics.len()).map(|k| [0, 1, 2].map(|c| value(k, c))).collect()
+    }
+
+    fn expand(&self, wi: &Direction<Sample>, coefficients: &[[f64; 3]]) -> [f64; 3] {
         let mut y = [0.0; size(MAX_ORDER)];
         let y = &mut y[..self.harmonics.len()];
         self.harmonics.eval_direction_into(wi, y);
-        let taps = self.grid.bilinear(wo.theta(), wo.phi());
-        let n = self.grid.len();
         let mut sum = [0.0; 3];
-        for (k, y) in y.iter().enumerate() {
-            for (c, sum) in sum.iter_mut().enumerate() {
-                let plane = &self.values[(k * 3 + c) * n..][..n];
-                *sum += y * taps.iter().map(|&(cell, w)| w * f64::from(plane[cell])).sum::<f64>();
+        for (y, coefficients) in y.iter().zip(coefficients) {
+            for (sum, coefficient) in sum.iter_mut().zip(coefficients) {
+                *sum += y * coefficient;
             }
         }
         sum
@@ -150,6 +162,14 @@ impl Brdf for ShMaterial {
 
     fn eval_cos(&self, wi: &Direction<Sample>, wo: &Direction<Sample>) -> [f64; 3] {
         if wi.cos_theta() <= 0.0 || wo.cos_theta() <= 0.0 { [0.0; 3] } else { self.f_cos(wi, wo) }
+    }
+
+    fn towards<'a>(&'a self, wo: &Direction<Sample>) -> Towards<'a> {
+        if wo.cos_theta() <= 0.0 {
+            return Box::new(|_| [0.0; 3]);
+        }
+        let coefficients = self.at(wo);
+        Box::new(move |wi| if wi.cos_theta() > 0.0 { self.expand(wi, &coefficients) } else { [0.0; 3] })
     }
 
     fn is_isotropic(&self) -> bool {

@@ -50,6 +50,9 @@ pub use rgl::Rgl;
 pub use tensor::TensorFile;
 pub use zone_errors::{EXITANT_DEG, ZoneErrors};
 
+/// f_cos as a function of `wi`, 1/sr, linear RGB.
+pub type Towards<'a> = Box<dyn Fn(&Direction<Sample>) -> [f64; 3] + 'a>;
+
 /// A BRDF over the upper hemisphere.
 pub trait Brdf: Send + Sync {
     /// f(wi, wo) in 1/sr, linear RGB; `wi` points to the light, `wo` to the camera. 0 where either is not above the
@@ -59,6 +62,12 @@ pub trait Brdf: Send + Sync {
     /// f_cos = f cos(theta_i), 1/sr: what the rig measures.
     fn eval_cos(&self, wi: &Direction<Sample>, wo: &Direction<Sample>) -> [f64; 3] {
         self.eval(wi, wo).map(|f| f * wi.cos_theta().max(0.0))
+    }
+
+    /// f_cos as a function of `wi` alone, for one `wo`: tables interpolate over exitant directions once.
+    fn towards<'a>(&'a self, wo: &Direction<Sample>) -> Towards<'a> {
+        let wo = *wo;
+        Box::new(move |wi| self.eval_cos(wi, &wo))
     }
 
     /// Directional albedo, integral f cos(theta_i) dwi over the upper hemisphere for the camera at `wo`, RGB, no unit.

@@ -24,11 +24,7 @@ impl ZoneErrors {
     }
 
     /// The same for a model given as f_cos(wi, wo), mean of its channels.
-    pub fn of(
-        model: impl Fn(&Direction<Sample>, &Direction<Sample>) -> f64,
-        truth: &dyn Brdf,
-        zone: Zone,
-    ) -> Self {
+    pub fn of(model: impl Fn(&Direction<Sample>, &Direction<Sample>) -> f64, truth: &dyn Brdf, zone: Zone) -> Self {
         let mut errors = Self { inside: 0.0, outside: 0.0 };
         for theta_o in EXITANT_DEG {
             let wo = Direction::from_angles(theta_o.to_radians(), 0.0);

@@ -83,13 +83,13 @@ impl Frame {
     }
 
     fn reflected(&self, brdf: &dyn Brdf, lights: &[ProbeLight]) -> [f64; 3] {
-        let wo = self.local(&Vector3::z());
+        let f_cos_of = brdf.towards(&self.local(&Vector3::z()));
         lights.iter().fold([0.0; 3], |sum, light| {
             let wi = self.local(&light.direction.vector());
             if wi.cos_theta() <= 0.0 {
                 return sum;
             }
-            let f_cos = brdf.eval_cos(&wi, &wo);
+            let f_cos = f_cos_of(&wi);
             add(sum, [0, 1, 2].map(|c| f_cos[c] * light.irradiance[c]))
         })
     }

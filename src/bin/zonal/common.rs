@@ -39,7 +39,8 @@ pub fn plan(path: &Path) -> anyhow::Result<Plan> {
 /// A progress bar over frames on stderr, with the rig's time left; silent where nobody watches.
 pub fn frames_bar(what: &str) -> impl FnMut(usize, usize, f64) + use<> {
     let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(10));
-    let style = ProgressStyle::with_template("{prefix:12} {bar:32} {pos}/{len} frames  {elapsed} gone, {eta} left  {msg}");
+    let style =
+        ProgressStyle::with_template("{prefix:12} {bar:32} {pos}/{len} frames  {elapsed} gone, {eta} left  {msg}");
     bar.set_style(style.expect("a valid template"));
     bar.set_prefix(what.to_owned());
     move |done, all, rig_left_s| {

@@ -13,9 +13,7 @@ use zonal::patterns::{Plan, Timing};
 use zonal::reduce::Coefficients;
 use zonal::reflectance::{Brdf, ZoneErrors, open};
 use zonal::render::{Image, Probe, sphere_directional, sphere_probe};
-use zonal::report::{
-    AccuracyPoint, DemoReport, MethodRow, Picture, Slice, SpectrumPoint, pattern_png, plane_png,
-};
+use zonal::report::{AccuracyPoint, DemoReport, MethodRow, Picture, Slice, SpectrumPoint, pattern_png, plane_png};
 use zonal::store;
 use zonal::twin::TwinConfig;
 
@@ -28,7 +26,7 @@ pub struct Args {
     #[arg(long, default_value = "zonal-demo")]
     out: PathBuf,
     /// Material to measure: a .bsdf or .binary file, or a name of `zonal materials`.
-    #[arg(long, default_value = "gold-metallic-paint3")]
+    #[arg(long, default_value = "red-plastic")]
     material: String,
     /// Seed of the simulated noise.
     #[arg(long, default_value_t = 0)]
@@ -58,8 +56,7 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     let plan = Plan::of_order(ORDER);
     let mut bench = common::bench(&rig, &config, truth.clone());
     let mut bar = common::frames_bar("order 4");
-    let measured =
-        measure(&rig, &plan, &mut bench, &calibration, provenance.clone(), Some(&mut folder), &mut bar)?;
+    let measured = measure(&rig, &plan, &mut bench, &calibration, provenance.clone(), Some(&mut folder), &mut bar)?;
     let sh = convert(&measured.coefficients, Method::Parity, ORDER)?;
     let exr = run.join("sh-parity.exr");
     sh.write(&exr)?;
@@ -173,7 +170,7 @@ fn spectrum(coefficients: &Coefficients) -> Vec<SpectrumPoint> {
         .collect()
 }
 
-/// In the plane of incidence; negative theta_i lies on the mirror side of wo.
+/// In the plane of incidence; positive theta_i lies on the mirror side of wo.
 fn slices(coefficients: &Coefficients, truth: &dyn Brdf) -> anyhow::Result<Vec<Slice>> {
     let zone = coefficients.grid.zone();
     let parity = convert(coefficients, Method::Parity, coefficients.order)?;
@@ -181,7 +178,10 @@ fn slices(coefficients: &Coefficients, truth: &dyn Brdf) -> anyhow::Result<Vec<S
     let curve = |brdf: &dyn Brdf, theta_o: f64| -> Vec<(f64, f64)> {
         let wo = Direction::from_angles(theta_o.to_radians(), 0.0);
         let at = |theta_i: f64| {
-            let wi = Direction::from_angles(theta_i.abs().to_radians(), if theta_i < 0.0 { std::f64::consts::PI } else { 0.0 });
+            let wi = Direction::from_angles(
+                theta_i.abs().to_radians(),
+                if theta_i > 0.0 { std::f64::consts::PI } else { 0.0 },
+            );
             brdf.eval_cos(&wi, &wo).iter().sum::<f64>() / 3.0
         };
         (-179..=179).map(|i| f64::from(i) / 2.0).map(|theta_i| (theta_i, at(theta_i))).collect()

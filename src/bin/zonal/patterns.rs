@@ -47,7 +47,8 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
         let (l, m) = zonal::basis::lm(k);
         lobes.write_exr(k, &args.out.join(format!("{k:03}_l{l}_m{m:+}.exr")))
     })?;
-    let text = format!("{} frames (PNG) and {} functions (EXR) in {}", plan.images(), size(plan.order), args.out.display());
+    let text =
+        format!("{} frames (PNG) and {} functions (EXR) in {}", plan.images(), size(plan.order), args.out.display());
     let json = serde_json::json!({ "order": plan.order, "images": plan.images(), "out": args.out });
     Ok(Report { text, json })
 }

@@ -67,7 +67,11 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     }
     let difference = spheres.get(1).and_then(|truth| spheres[0].relative_rms(truth));
     let image = Image::side_by_side(&spheres);
-    if exr { image.write_exr(&out)? } else { image.write_png(&out, args.exposure)? }
+    if exr {
+        image.write_exr(&out)?
+    } else {
+        image.write_png(&out, args.exposure)?
+    }
     let mut text = format!("{} x {} px in {}", image.width, image.height, out.display());
     if let Some(difference) = difference {
         text += &format!("; RMS difference {:.1}% of the second sphere", 100.0 * difference);
