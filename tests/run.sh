@@ -23,7 +23,14 @@ root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 cd "$root"
 
 command -v cargo >/dev/null || fail "cargo is missing: install Rust 1.89 or newer"
-command -v python3 >/dev/null || fail "python3 is missing: apt install python3 python3-venv"
+if ! python3 -c 'import ensurepip, venv' 2>/dev/null && command -v apt-get >/dev/null; then
+    echo "tests/run.sh: installing python3-venv" >&2
+    as_root=()
+    [[ $(id -u) == 0 ]] || as_root=(sudo -n)
+    { "${as_root[@]}" apt-get update && "${as_root[@]}" apt-get install -y --no-install-recommends python3 python3-venv; } >&2 ||
+        fail "python3 cannot make virtual environments: apt install python3 python3-venv"
+fi
+command -v python3 >/dev/null || fail "python3 is missing: install Python 3.11 or newer"
 
 requirements=tests/python/requirements.txt
 venv=target/venv

@@ -43,7 +43,8 @@ fn outside(method: Method, order: usize, noise: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Medians over 64 other materials (neural fits and RGL): the ABC fits here must come within a factor of two.
+/// Medians over 64 other materials (neural fits and RGL): the ABC fits here must come within a factor of two. At order 10
+/// they exceed it: that table's pseudo-inverse cut what double precision cannot hold, this program's does not.
 #[test]
 fn out_of_zone_errors_grow_as_derived() {
     for (order, want) in [(4, 22.0), (6, 638.0), (10, 11_000.0)] {
@@ -54,11 +55,19 @@ fn out_of_zone_errors_grow_as_derived() {
             assert!(got < 2.0 * want, "{order}: {got}");
         }
     }
-    // The other two stay below the signal at these orders.
-    for (method, order) in [(Method::Truncated, 4), (Method::Truncated, 6), (Method::Parity, 2), (Method::Parity, 4)] {
+    // The other two stay below the signal, until at order 10 `parity` asks too much of a zone as well.
+    let bounds = [
+        (Method::Truncated, 4, 0.5),
+        (Method::Truncated, 6, 0.5),
+        (Method::Parity, 2, 0.25),
+        (Method::Parity, 4, 0.35),
+        (Method::Parity, 6, 0.7),
+        (Method::Parity, 10, 4.0),
+    ];
+    for (method, order, at_most) in bounds {
         let got = median(outside(method, order, NOISE));
         eprintln!("{}, order {order}: error outside {got:.2} x the signal", method.name());
-        assert!(got < 1.0, "{} {order}: {got}", method.name());
+        assert!(got < at_most, "{} {order}: {got}", method.name());
     }
 }
 

@@ -164,7 +164,7 @@ pub fn measure(
         calibration.write(&folder.file("calibration"), rig)?;
         store::write_json(&folder.file("run.json"), &record)?;
     }
-    let result = capture(rig, plan, bench, &pairs, &record.gains, &calibration.scale, folder.as_deref_mut(), progress);
+    let result = capture(rig, plan, bench, &pairs, &calibration.scale, folder.as_deref_mut(), progress);
     let outcome = result.and_then(|captured| finish(captured, &mut record, started, folder.as_deref()));
     if outcome.is_err()
         && let Some(folder) = folder
@@ -223,18 +223,17 @@ struct Captured {
     last_frame: Instant,
 }
 
-#[allow(clippy::too_many_arguments)]
 fn capture(
     rig: &Rig,
     plan: &Plan,
     bench: &mut dyn Bench,
     pairs: &[LobePair],
-    gains: &[f64],
     scale: &ChannelScale,
     folder: Option<&mut RunFolder>,
     progress: &mut Progress<'_>,
 ) -> Result<Captured, MeasureError> {
-    let mut reducer = reducer(rig, plan, gains, scale)?;
+    let gains: Vec<f64> = pairs.iter().map(|p| p.gain).collect();
+    let mut reducer = reducer(rig, plan, &gains, scale)?;
     let patterns: Vec<Pattern> = pairs.iter().flat_map(|p| p.patterns.clone()).collect();
     bench.place(Placement::Sample)?;
     let mut last_frame = Instant::now();

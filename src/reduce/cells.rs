@@ -49,8 +49,10 @@ struct Pixel {
 
 /// Windows tried, in units of a cell, until enough pixels support the weights.
 const WINDOWS: [f64; 4] = [1.0, 1.5, 2.0, 3.0];
-/// A window will do if its weights are at most this much noisier than a plain mean of four pixels.
+/// A window will do if its answer has at most this share of one pixel's variance...
 const WORST_NOISE: f64 = 0.6;
+/// ... and at most this many times that of a plain mean.
+const WORST_LOPSIDEDNESS: f64 = 3.0;
 
 const CHANNELS: [&str; 3] = ["red", "green", "blue"];
 
@@ -186,7 +188,7 @@ fn cell(grid: &ExitantGrid, around: &[Pixel], ring: usize, sector: usize, window
     let pixels: Vec<(u32, f64)> = inside.iter().map(|(p, x)| (p.index, solution.dot(x))).collect();
     let noise: f64 = pixels.iter().map(|(_, w)| w * w).sum();
     // Written so that NaN fails.
-    if !(noise * 4.0 <= 4.0 * WORST_NOISE && noise * inside.len() as f64 <= 3.0) {
+    if !(noise <= WORST_NOISE && noise * inside.len() as f64 <= WORST_LOPSIDEDNESS) {
         return None;
     }
     let second = |axis: usize| {

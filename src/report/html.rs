@@ -168,7 +168,7 @@ fn method_row(m: &MethodRow) -> String {
         .collect();
     let outcome = match &m.refused {
         Some(reason) => format!("<td class=\"refused\" data-label=\"Outcome\">refused: {}</td>", escape(reason)),
-        None => "<td data-label=\"Outcome\">used</td>".into(),
+        None => "<td data-label=\"Outcome\">allowed</td>".into(),
     };
     format!("<tr><th scope=\"row\">{}</th>{cells}{outcome}</tr>\n", escape(&m.method))
 }

@@ -25,14 +25,14 @@ pub struct Accuracy {
 impl Default for Accuracy {
     /// Converged to 0.1% of DC on measured materials.
     fn default() -> Self {
-        Self { dome_nodes: 10946, lobe_nodes: 4181, sectors_per_order: 16, rings_per_lobe: 2.0 }
+        Self { dome_nodes: 4181, lobe_nodes: 2584, sectors_per_order: 16, rings_per_lobe: 2.0 }
     }
 }
 
 impl Accuracy {
     /// About twice the nodes in everything: what convergence is tested against.
     pub fn doubled() -> Self {
-        Self { dome_nodes: 28657, lobe_nodes: 10946, sectors_per_order: 32, rings_per_lobe: 4.0 }
+        Self { dome_nodes: 10946, lobe_nodes: 6765, sectors_per_order: 32, rings_per_lobe: 4.0 }
     }
 }
 

@@ -11,5 +11,5 @@ mod geometry;
 
 pub use bench::TwinBench;
 pub use config::{Perturbation, TwinConfig};
-pub use forward::{Accuracy, ResponseField, lobe_width};
-pub use geometry::PerturbedDevice;
+pub use forward::{Accuracy, PatternLight, ResponseField, lobe_width};
+pub use geometry::{InverseMap, PerturbedDevice};

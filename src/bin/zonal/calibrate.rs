@@ -44,7 +44,7 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     if !args.simulate {
         return Err(common::no_devices());
     }
-    let config = TwinConfig::pinhole(args.seed);
+    let config = common::for_calibration(&TwinConfig::pinhole(args.seed));
     let mut bench = common::bench(&rig, &config, zonal::reflectance::open("gray-card")?);
     match args.kind {
         Kind::Response => {

@@ -58,13 +58,14 @@ pub fn calibration(folder: Option<&Path>, rig: &Rig, config: &TwinConfig) -> any
     if let Some(folder) = folder {
         return Ok(CalibrationSet::read(folder, rig)?);
     }
-    // Calibrations and measurements must not share their noise.
-    let config = TwinConfig { seed: config.seed ^ CALIBRATION_NOISE, ..config.clone() };
-    let mut bench = TwinBench::new(rig, config, zonal::reflectance::open("gray-card")?);
+    let mut bench = TwinBench::new(rig, for_calibration(config), zonal::reflectance::open("gray-card")?);
     Ok(CalibrationSet::make(rig, &mut bench, &mut frames_bar("calibrate"))?)
 }
 
-const CALIBRATION_NOISE: u64 = 0xCA11_B8A7;
+/// The same devices with other noise: calibrations and measurements of one seed must not share it.
+pub fn for_calibration(config: &TwinConfig) -> TwinConfig {
+    TwinConfig { seed: config.seed ^ 0xCA11_B8A7, ..config.clone() }
+}
 
 /// A simulated rig for a sample.
 pub fn bench(rig: &Rig, config: &TwinConfig, sample: Arc<dyn Brdf>) -> TwinBench {

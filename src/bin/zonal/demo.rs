@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use zonal::basis::{Conversion, Method, lm, size};
+use zonal::calibrate::CalibrationSet;
 use zonal::capture::{Crop, RunFolder};
 use zonal::export::ShMaterial;
 use zonal::geometry::Direction;
@@ -65,10 +66,10 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     let mut bar = common::frames_bar("orders 0-6");
     let longer = measure(&rig, &Plan::of_order(CHART_ORDER), &mut bench, &calibration, provenance, None, &mut bar)?;
 
-    let page = page(args, &rig, &plan, &config, &calibration, &measured, &longer, truth, &sh)?;
+    let page = Results { args, rig, plan, config, calibration, measured, longer, truth, sh }.page()?;
     let html = args.out.join("index.html");
     store::write(&html, page.to_html().as_bytes())?;
-    let record = &measured.record;
+    let record = &page.record;
     let text = format!(
         "{}: order {ORDER}, {} frames, {:.1} s on the rig; computed in {:.0} s\nerror of f_cos {:.1}% in the zone, {:.1}% outside\npage: {}\nrun:  {}\nSH:   {}",
         args.material,
@@ -93,45 +94,49 @@ fn convert(measured: &Coefficients, method: Method, order: usize) -> anyhow::Res
     Ok(ShMaterial::new(&coefficients, &Conversion::new(method, coefficients.grid.zone(), order)?))
 }
 
-#[allow(clippy::too_many_arguments)]
-fn page(
-    args: &Args,
-    rig: &Rig,
-    plan: &Plan,
-    config: &TwinConfig,
-    calibration: &zonal::calibrate::CalibrationSet,
-    measured: &Measurement,
-    longer: &Measurement,
+/// What the page is made from.
+struct Results<'a> {
+    args: &'a Args,
+    rig: Rig,
+    plan: Plan,
+    config: TwinConfig,
+    calibration: CalibrationSet,
+    measured: Measurement,
+    longer: Measurement,
     truth: Arc<dyn Brdf>,
-    sh: &ShMaterial,
-) -> anyhow::Result<DemoReport> {
-    let coefficients = &measured.coefficients;
-    let response = &measured.first_response;
-    Ok(DemoReport {
-        title: format!("{} measured by {}", args.material, rig.name),
-        material: args.material.clone(),
-        record: measured.record.clone(),
-        gray_card: calibration.check.clone(),
-        patterns: patterns(rig, plan, calibration)?,
-        response: Picture {
-            caption: "HDR response to the constant pattern: the sample seen from every direction of the zone, e-/s, log scale"
-                .into(),
-            png: plane_png(response.crop.width, response.crop.height, &response.rate, true),
-        },
-        spectrum: spectrum(coefficients),
-        slices: slices(coefficients, truth.as_ref())?,
-        spheres: spheres(sh, truth.as_ref()),
-        accuracy: accuracy(rig, &longer.coefficients, truth.as_ref())?,
-        methods: methods(coefficients, truth.as_ref())?,
-        provenance: vec![
-            ("Software".into(), measured.record.software.clone()),
-            ("Rig".into(), format!("{}: {}", rig.name, rig.source)),
-            ("Plan".into(), plan.name.clone()),
-            ("Material".into(), source(&args.material)),
-            ("Simulated rig".into(), serde_json::to_string(config)?),
-            ("Conversion".into(), "parity (odd spherical harmonics, least squares over the zone)".into()),
-        ],
-    })
+    sh: ShMaterial,
+}
+
+impl Results<'_> {
+    fn page(&self) -> anyhow::Result<DemoReport> {
+        let (coefficients, truth) = (&self.measured.coefficients, self.truth.as_ref());
+        let response = &self.measured.first_response;
+        Ok(DemoReport {
+            title: format!("{} measured by {}", self.args.material, self.rig.name),
+            material: self.args.material.clone(),
+            record: self.measured.record.clone(),
+            gray_card: self.calibration.check.clone(),
+            patterns: patterns(&self.rig, &self.plan, &self.calibration)?,
+            response: Picture {
+                caption:
+                    "HDR response to the constant pattern: the sample seen from every direction of the zone, e-/s, \
+                          log scale"
+                        .into(),
+                png: plane_png(response.crop.width, response.crop.height, &response.rate, true),
+            },
+            spectrum: spectrum(coefficients),
+            slices: slices(coefficients, truth)?,
+            spheres: spheres(&self.sh, truth),
+            accuracy: accuracy(&self.rig, &self.longer.coefficients, truth)?,
+            methods: methods(coefficients, truth)?,
+            provenance: vec![
+                ("Source of the rig".into(), self.rig.source.clone()),
+                ("Source of the material".into(), source(&self.args.material)),
+                ("Simulated rig".into(), serde_json::to_string(&self.config)?.replace(',', ", ")),
+                ("Conversion".into(), "parity (odd spherical harmonics, least squares over the zone)".into()),
+            ],
+        })
+    }
 }
 
 fn source(material: &str) -> String {
@@ -139,7 +144,7 @@ fn source(material: &str) -> String {
     known.map_or_else(|| material.to_owned(), |m| format!("{} ({}, {})", m.name, m.family, m.source))
 }
 
-fn patterns(rig: &Rig, plan: &Plan, calibration: &zonal::calibrate::CalibrationSet) -> anyhow::Result<Vec<Picture>> {
+fn patterns(rig: &Rig, plan: &Plan, calibration: &CalibrationSet) -> anyhow::Result<Vec<Picture>> {
     let p = &rig.projector;
     let [u0, v0, u1, v1] =
         rig.projector_map().bounding_box(&rig.zone(), p.width_px, p.height_px).expect("a checked rig shows its zone");
