@@ -37,14 +37,12 @@ pub struct Series {
     pub style: usize,
     /// Text at each point; may be shorter than the points.
     pub labels: Vec<String>,
-    /// Whether that text stands below its point.
-    pub labels_below: bool,
 }
 
 impl Series {
     /// A series without texts at its points.
     pub fn new(name: impl Into<String>, points: Vec<(f64, f64)>, mark: Mark, style: usize) -> Self {
-        Self { name: name.into(), points, mark, style, labels: Vec::new(), labels_below: false }
+        Self { name: name.into(), points, mark, style, labels: Vec::new() }
     }
 }
 
@@ -152,8 +150,8 @@ impl Chart {
             if series.mark != Mark::Line {
                 svg += &symbol(style, x, y);
             }
-            if let Some(label) = series.labels.get(i) {
-                let y = if series.labels_below { y + 17.0 } else { y - 8.0 };
+            if let Some(label) = series.labels.get(i).filter(|label| !label.is_empty()) {
+                let y = y - 8.0;
                 svg += &format!("<text class=\"mid tag\" x=\"{x:.1}\" y=\"{y:.1}\">{}</text>\n", escape(label));
             }
         }

@@ -14,12 +14,19 @@ const THESIS_RIG_S: f64 = 60.0;
 pub fn accuracy_chart(points: &[AccuracyPoint]) -> Chart {
     let mut points = points.to_vec();
     points.sort_by(|a, b| a.rig_s.total_cmp(&b.rig_s));
-    let labels: Vec<String> = points.iter().map(|p| format!("L{}", p.order)).collect();
     let curve = |error: fn(&AccuracyPoint) -> f64| points.iter().map(|p| (p.rig_s, error(p))).collect();
-    let outside =
-        Series { labels: labels.clone(), ..Series::new("outside the zone", curve(|p| p.error_out), Mark::Both, 2) };
-    let inside =
-        Series { labels, labels_below: true, ..Series::new("inside the zone", curve(|p| p.error_in), Mark::Both, 1) };
+    // One label for each order, above the higher of its two points.
+    let labels = |is_higher: fn(&AccuracyPoint) -> bool| {
+        points.iter().map(|p| if is_higher(p) { format!("L{}", p.order) } else { String::new() }).collect()
+    };
+    let outside = Series {
+        labels: labels(|p| p.error_out >= p.error_in),
+        ..Series::new("outside the zone", curve(|p| p.error_out), Mark::Both, 2)
+    };
+    let inside = Series {
+        labels: labels(|p| p.error_in > p.error_out),
+        ..Series::new("inside the zone", curve(|p| p.error_in), Mark::Both, 1)
+    };
     Chart {
         description: "Relative error inside and outside the zone against rig time, one point for each zonal order"
             .into(),

@@ -114,12 +114,16 @@ impl TwinBench {
         GRAY_CARD_ALBEDO / std::f64::consts::PI * self.rig.zone().projected_solid_angle()
     }
 
-    /// Light of one panel pixel showing `code` in a frame of mean light `mean`, in units of white.
-    fn light(&self, code: u8, column: usize, row: usize, mean: f64) -> f64 {
-        let (w, h) = (self.rig.projector.width_px, self.rig.projector.height_px);
+    /// Light of a code above what leaks: black and response, for all codes, in units of white.
+    fn code_lights(&self) -> [f64; 256] {
         let black = 1.0 / self.config.contrast;
-        let own = black + (1.0 - black) * self.config.response(code);
-        own * self.config.vignetting(column, row, w, h) + self.config.leakage * mean
+        std::array::from_fn(|code| black + (1.0 - black) * self.config.response(code as u8))
+    }
+
+    /// Relative light of every panel pixel.
+    fn vignetting(&self) -> Vec<f64> {
+        let (w, h) = (self.rig.projector.width_px, self.rig.projector.height_px);
+        (0..w * h).map(|p| self.config.vignetting(p % w, p / w, w, h)).collect()
     }
 
     fn mean_light(&self, pattern: &Pattern) -> f64 {
@@ -138,9 +142,11 @@ impl TwinBench {
         let (u0, v0) = (lo(lens.centre_u), lo(lens.centre_v));
         let (width, height) = (hi(lens.centre_u, p.width_px) - u0, hi(lens.centre_v, p.height_px) - v0);
         let means: Vec<f64> = self.sequence.iter().map(|s| self.mean_light(s)).collect();
+        let (lights, vignetting) = (self.code_lights(), self.vignetting());
         PatternLight::new([u0, v0], [width, height], self.sequence.len(), |pattern, column, row| {
-            let code = self.sequence[pattern].codes[row * p.width_px + column];
-            self.light(code, column, row, means[pattern]) as f32
+            let pixel = row * p.width_px + column;
+            let code = self.sequence[pattern].codes[pixel];
+            (lights[usize::from(code)] * vignetting[pixel] + self.config.leakage * means[pattern]) as f32
         })
     }
 
@@ -196,6 +202,7 @@ impl TwinBench {
         let pattern = &self.sequence[self.shown];
         let mean = self.mean_light(pattern);
         let white = self.lamp_e_s() * self.gray_card_radiance();
+        let (lights, vignetting) = (self.code_lights(), self.vignetting());
         for (i, rate) in rates.iter_mut().enumerate() {
             let (column, row) = (i % width, i / width);
             let ray = self.camera_lens.ray(column as f64 + 0.5, row as f64 + 0.5);
@@ -203,8 +210,9 @@ impl TwinBench {
             if u < 0.0 || v < 0.0 || u >= p.width_px as f64 || v >= p.height_px as f64 {
                 continue;
             }
-            let (pu, pv) = (u as usize, v as usize);
-            let light = self.light(pattern.codes[pv * p.width_px + pu], pu, pv, mean);
+            let pixel = v as usize * p.width_px + u as usize;
+            let code = pattern.codes[pixel];
+            let light = lights[usize::from(code)] * vignetting[pixel] + self.config.leakage * mean;
             let falloff = ray.z.powi(4) * self.natural_falloff(&self.camera_lens, column, row);
             let gain: f64 = {
                 let channels = self.rig.camera.mosaic.channels(column, row);
@@ -242,7 +250,7 @@ impl TwinBench {
                     } else {
                         0.0
                     };
-                    *sample = (black + gain * (mean + noise).min(well)).round().clamp(0.0, white) as u16;
+                    *sample = (black + gain * (mean + noise).min(well) + 0.5).clamp(0.0, white) as u16;
                 }
             },
         );

@@ -38,6 +38,8 @@ impl Accuracy {
 
 /// Patterns are summed in blocks of this many: their sums stay in registers.
 const BLOCK: usize = 8;
+/// Panel pixels along each side of a pixel of the coarse table: about a degree.
+const COARSE: usize = 3;
 
 /// Light of every projector pixel in each of several patterns, in units of full white.
 pub struct PatternLight {
@@ -71,18 +73,21 @@ impl PatternLight {
         Self { width, height, origin, pitch: 1.0, patterns, blocks }
     }
 
-    /// The same light in means over 2 x 2 pixels: enough for what varies slowly, and small enough for the cache.
-    fn halved(&self) -> Self {
-        let (width, height) = (self.width / 2, self.height / 2);
-        let mean = |pixels: &Vec<[f32; BLOCK]>, p: usize, i: usize| {
-            let q = (p / width * 2) * self.width + p % width * 2;
-            0.25 * (pixels[q][i] + pixels[q + 1][i] + pixels[q + self.width][i] + pixels[q + self.width + 1][i])
+    /// The same light in means over `COARSE` x `COARSE` pixels: enough for what varies slowly, and small enough for a
+    /// core's own cache.
+    fn coarsened(&self) -> Self {
+        let (width, height) = (self.width / COARSE, self.height / COARSE);
+        let mean = |pixels: &[[f32; BLOCK]], p: usize, i: usize| {
+            let corner = p / width * COARSE * self.width + p % width * COARSE;
+            let rows = (0..COARSE).map(|row| corner + row * self.width);
+            let sum: f32 = rows.flat_map(|row| &pixels[row..row + COARSE]).map(|block| block[i]).sum();
+            sum / (COARSE * COARSE) as f32
         };
-        let halve = |pixels: &Vec<[f32; BLOCK]>| {
+        let coarsen = |pixels: &Vec<[f32; BLOCK]>| {
             (0..width * height).map(|p| std::array::from_fn(|i| mean(pixels, p, i))).collect()
         };
-        let blocks = self.blocks.par_iter().map(halve).collect();
-        Self { width, height, pitch: 2.0 * self.pitch, blocks, ..*self }
+        let blocks = self.blocks.par_iter().map(coarsen).collect();
+        Self { width, height, pitch: COARSE as f32 * self.pitch, blocks, ..*self }
     }
 
     /// The pixel at a point of the panel; `None` beyond the region.
@@ -169,7 +174,7 @@ impl ResponseField {
         let smooth = Grid::new(&dome, coarse, sectors, light.patterns);
         let sharp = Grid::new(&dome, fine, sectors, light.patterns);
         let parts = [
-            smooth.fill(brdf, &light.halved(), inverse, |wo| dome_lattice(&wider, accuracy.dome_nodes, wo, blend)),
+            smooth.fill(brdf, &light.coarsened(), inverse, |wo| dome_lattice(&wider, accuracy.dome_nodes, wo, blend)),
             sharp.fill(brdf, light, inverse, |wo| lobe.nodes(&dome, wo)),
         ];
         Self { parts, patterns: light.patterns }
