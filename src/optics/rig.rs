@@ -13,7 +13,7 @@ pub const FORMAT: u32 = 1;
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum RigError {
     /// The text is not a rig file.
-    #[error("not a rig file: {0}")]
+    #[error("not a rig file, correct the marked line: {0}")]
     Toml(String),
     /// Written by a newer program.
     #[error("rig format {found} is newer than {FORMAT}, the newest this version reads: update zonal")]
