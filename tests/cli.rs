@@ -340,7 +340,7 @@ fn damaged_runs_are_refused() {
         &both[..1],
         &["run/coefficients.exr", "`z_003.R`", "again"],
     );
-    damaged("rig.toml", &cut, &["reduce run"], &["rig.toml", "missing field"]);
+    damaged("rig.toml", &cut, &["reduce run"], &["rig.toml", "line"]);
     damaged("plan.toml", &swap("order = 1", "order = 2"), &["reduce run"], &["run/run.json", "`gains`", "again"]);
     damaged("calibration/gray-card.json", &cut, &["reduce run"], &["gray-card.json", "line", "again"]);
     let response = "responses/002_l1_m+0_a_positive.exr";
@@ -367,14 +367,17 @@ fn calibrations_of_another_rig_are_refused_before_a_folder_appears() {
 fn damaged_harmonics_are_refused() {
     let desk = desk_with_run();
     let whole = fs::read(desk.path().join("sh.exr")).unwrap();
-    let (window, planes) = (b"dataWindow\0box2i\0", b"zonal_sh_order\0double\0");
     let after = |name: &[u8]| whole.windows(name.len()).position(|w| w == name).unwrap() + name.len() + 4;
-    let (window, order) = (after(window), after(planes));
-    let cases: [(&str, &dyn Fn(&mut Vec<u8>), &str); 6] = [
+    let window = after(b"dataWindow\0box2i\0");
+    let order = after(b"zonal_sh_order\0double\0");
+    let format = after(b"zonal_format\0double\0");
+    type Case<'a> = (&'a str, &'a dyn Fn(&mut Vec<u8>), &'a str);
+    let cases: [Case<'_>; 7] = [
         ("truncated", &|bytes| bytes.truncate(whole.len() / 2), "again"),
         ("cut in the header", &|bytes| bytes.truncate(100), "again"),
         ("empty", &|bytes| bytes.clear(), "again"),
         ("of absurd size", &|bytes| bytes[window + 8..window + 16].fill(0x3f), "again"),
+        ("of a newer format", &|bytes| bytes[format..format + 8].copy_from_slice(&2f64.to_le_bytes()), "update zonal"),
         ("of absurd order", &|bytes| bytes[order..order + 8].copy_from_slice(&1e300f64.to_le_bytes()), "order"),
         ("of another order", &|bytes| bytes[order..order + 8].copy_from_slice(&9f64.to_le_bytes()), "again"),
     ];

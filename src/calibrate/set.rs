@@ -141,7 +141,6 @@ impl CalibrationSet {
         let mut image = Layers::new(flat.width, flat.height);
         image.plane("Y", Plane::Float(flat.values.clone()));
         image.attribute("zonal_content", "light of each projector pixel at one code, relative to the brightest");
-        image.attribute("zonal_format", f64::from(FORMAT));
         image.attribute("zonal_rig", rig.name.as_str());
         image.write(&folder.join(FLAT_FIELD))
     }
