@@ -3,9 +3,9 @@
 //! Each test writes what the library computes as JSON; a script in tests/python recomputes and compares it.
 #![cfg(feature = "peers")]
 
+mod common;
+
 use std::f64::consts::PI;
-use std::path::Path;
-use std::process::Command;
 
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -27,21 +27,6 @@ const UNITS: f64 = 8.0;
 /// Nodes of the library's own rule.
 const NODES: usize = 160;
 
-/// Runs a script of tests/python on `cases` and fails with what it says.
-fn ask(script: &str, cases: &Value) {
-    let python = std::env::var_os("ZONAL_PYTHON")
-        .expect("set ZONAL_PYTHON to a Python with tests/python/requirements.txt installed: `bash tests/run.sh` does");
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("cases.json");
-    std::fs::write(&file, cases.to_string()).unwrap();
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python").join(script);
-    let output = Command::new(&python).arg("-B").arg(&script).arg(&file).output();
-    let output = output.unwrap_or_else(|e| panic!("ZONAL_PYTHON = {}: {e}", python.display()));
-    let said = String::from_utf8_lossy(&output.stdout);
-    println!("{said}");
-    assert!(output.status.success(), "{}:\n{said}{}", script.display(), String::from_utf8_lossy(&output.stderr));
-}
-
 fn zones() -> [(&'static str, Zone); 2] {
     [("9..57", Zone::from_degrees(9.0, 57.0).unwrap()), ("9..90", Zone::from_degrees(9.0, 90.0).unwrap())]
 }
@@ -61,7 +46,10 @@ fn spherical_harmonics_are_those_of_scipy() {
     let mu: Vec<f64> = directions.iter().map(Direction::cos_theta).collect();
     let phi: Vec<f64> = directions.iter().map(Direction::phi).collect();
     let values: Vec<Vec<f64>> = directions.iter().map(|d| sh.eval(d)).collect();
-    ask("peer_harmonics.py", &json!({ "order": order, "mu": mu, "phi": phi, "values": values, "tolerance": SCIPY }));
+    common::ask(
+        "peer_harmonics.py",
+        &json!({ "order": order, "mu": mu, "phi": phi, "values": values, "tolerance": SCIPY }),
+    );
 }
 
 /// Polar parts of all m at one mu.
@@ -105,7 +93,7 @@ fn zonal_functions_keep_thirteen_digits_up_to_the_largest_order() {
             }));
         }
     }
-    ask("peer_zonal.py", &json!(cases));
+    common::ask("peer_zonal.py", &json!(cases));
 }
 
 /// 2 pi integral P_k Q_j dmu by the library's rule.
@@ -167,7 +155,7 @@ fn conversion_case(method: Method, name: &str, zone: Zone, order: usize) -> Valu
 #[test]
 fn parity_conversions_agree_with_fifty_digits() {
     let cases = zones().map(|(name, zone)| [4, 8].map(|order| conversion_case(Method::Parity, name, zone, order)));
-    ask("peer_conversion.py", &json!(cases.concat()));
+    common::ask("peer_conversion.py", &json!(cases.concat()));
 }
 
 /// Where the literal dual is well conditioned, its digits are lost to the condition number and to nothing else.
@@ -175,5 +163,5 @@ fn parity_conversions_agree_with_fifty_digits() {
 fn literal_duals_of_the_full_zone_agree_as_far_as_their_condition_allows() {
     let (name, full) = zones()[1];
     let cases = [2, 3, 4].map(|order| conversion_case(Method::Thesis, name, full, order));
-    ask("peer_conversion.py", &json!(cases));
+    common::ask("peer_conversion.py", &json!(cases));
 }

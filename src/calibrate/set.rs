@@ -70,9 +70,16 @@ impl CalibrationSet {
     /// [`CalibrateError::Store`] for a missing or damaged file, [`CalibrateError::OtherRig`] for a foreign one.
     pub fn read(folder: &Path, rig: &Rig) -> Result<Self, CalibrateError> {
         let gray_path = folder.join(GRAY_CARD);
-        let gray: GrayCardFile = store::read_json(&gray_path)?;
+        let gray: GrayCardFile = store::read_versioned(&gray_path, FORMAT)?;
         belongs(&gray_path, &gray.rig, rig)?;
-        newer(&gray_path, gray.format)?;
+        let zone = rig.zone();
+        let positive =
+            |channel| [zone.theta_min(), zone.theta_max()].iter().all(|&t| gray.scale.at(&zone, t, channel) > 0.0);
+        if !(0..3).all(positive) {
+            return Err(
+                StoreError::invalid(&gray_path, "the scale of a channel is not positive: calibrate again").into()
+            );
+        }
         let response = Self::read_response(folder, rig)?;
         let flat = Self::read_flat_field(folder, rig)?;
         Ok(Self { response, flat, scale: gray.scale, check: gray.check })
@@ -95,10 +102,9 @@ impl CalibrationSet {
     /// As [`CalibrationSet::read`].
     pub fn read_response(folder: &Path, rig: &Rig) -> Result<Response, CalibrateError> {
         let path = folder.join(RESPONSE);
-        let file: ResponseFile = store::read_json(&path)?;
+        let file: ResponseFile = store::read_versioned(&path, FORMAT)?;
         belongs(&path, &file.rig, rig)?;
-        newer(&path, file.format)?;
-        Response::from_levels(file.levels, file.contrast).map_err(CalibrateError::from)
+        Response::from_levels(file.levels, file.contrast).map_err(|e| StoreError::invalid(&path, e.to_string()).into())
     }
 
     /// Writes `response.json`.
@@ -135,7 +141,6 @@ impl CalibrationSet {
         let mut image = Layers::new(flat.width, flat.height);
         image.plane("Y", Plane::Float(flat.values.clone()));
         image.attribute("zonal_content", "light of each projector pixel at one code, relative to the brightest");
-        image.attribute("zonal_format", f64::from(FORMAT));
         image.attribute("zonal_rig", rig.name.as_str());
         image.write(&folder.join(FLAT_FIELD))
     }
@@ -160,11 +165,4 @@ fn belongs(path: &Path, found: &str, rig: &Rig) -> Result<(), CalibrateError> {
         return Ok(());
     }
     Err(CalibrateError::OtherRig { path: path.display().to_string(), found: found.into(), expected: rig.name.clone() })
-}
-
-fn newer(path: &Path, format: u32) -> Result<(), StoreError> {
-    if format <= FORMAT {
-        return Ok(());
-    }
-    Err(StoreError::invalid(path, format!("format {format} is newer than {FORMAT}: update zonal")))
 }

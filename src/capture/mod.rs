@@ -51,12 +51,6 @@ pub enum CaptureError {
         /// Exposure time set, s.
         achieved_s: f64,
     },
-    /// The run folder is in use.
-    #[error("{path} already holds files: choose another --out, a run never overwrites one")]
-    NotEmpty {
-        /// The folder.
-        path: String,
-    },
     /// A file could not be read or written.
     #[error(transparent)]
     Store(#[from] StoreError),

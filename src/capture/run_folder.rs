@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::{CaptureError, Frame, ResponseImage};
+use super::{Frame, ResponseImage};
 use crate::patterns::{Event, Lobe};
 use crate::store::{self, StoreError};
 
@@ -53,21 +53,27 @@ pub struct RunFolder {
 }
 
 impl RunFolder {
-    /// Creates an empty run folder.
+    /// A run folder to create; it appears with [`RunFolder::begin`].
     ///
     /// # Errors
-    /// [`CaptureError::NotEmpty`] if the folder holds anything, [`CaptureError::Store`] if it cannot be made.
-    pub fn create(path: &Path, keep_frames: bool) -> Result<Self, CaptureError> {
-        store::create_dir(path)?;
-        let write = |source| StoreError::Write { path: path.to_owned(), source };
-        if fs::read_dir(path).map_err(write)?.next().is_some() {
-            return Err(CaptureError::NotEmpty { path: path.display().to_string() });
-        }
-        store::create_dir(&path.join("responses"))?;
-        if keep_frames {
-            store::create_dir(&path.join("frames"))?;
-        }
+    /// [`StoreError::NotEmpty`] if the folder holds anything.
+    pub fn create(path: &Path, keep_frames: bool) -> Result<Self, StoreError> {
+        store::vacant(path)?;
         Ok(Self { path: path.to_owned(), keep_frames, journal: None })
+    }
+
+    /// Makes the folder with what `fill` writes at the path it is given, whole or not at all.
+    ///
+    /// # Errors
+    /// As [`store::write_dir`].
+    pub fn begin(&self, fill: impl FnOnce(&Path) -> Result<(), StoreError>) -> Result<(), StoreError> {
+        store::write_dir(&self.path, |part| {
+            store::create_dir(&part.join("responses"))?;
+            if self.keep_frames {
+                store::create_dir(&part.join("frames"))?;
+            }
+            fill(part)
+        })
     }
 
     /// Opens an existing run folder.

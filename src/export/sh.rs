@@ -29,6 +29,10 @@ pub struct ShMaterial {
     harmonics: Harmonics,
 }
 
+/// The functions of the expansion, for the file's header.
+const FUNCTIONS: &str = "real spherical harmonics, orthonormal over the sphere: Y_lm = N_l|m| P_l|m|(cos theta_i) times 1 for \
+m = 0, sqrt(2) cos(m phi_i) for m > 0, sqrt(2) sin(|m| phi_i) for m < 0; N_lm^2 = (2l+1)/(4 pi) (l-m)!/(l+m)!";
+
 const CHANNELS: [&str; 3] = ["R", "G", "B"];
 
 impl ShMaterial {
@@ -107,9 +111,10 @@ impl ShMaterial {
         image.attribute("zonal_content", "SH coefficients y_k(wo): f_cos(wi, wo) = sum over k of y_k(wo) Y_k(wi)");
         image.attribute("zonal_units", "1/sr, linear camera RGB; f_cos is the BRDF times cos(theta_i)");
         image.attribute("zonal_convention", crate::reduce::CONVENTION);
+        image.attribute("zonal_functions", FUNCTIONS);
         image.attribute(
             "zonal_interpolation",
-            "bilinear in theta_o and phi_o; theta_o clamped to the first and last row",
+            "bilinear in theta_o and phi_o; theta_o clamped to the centres of the first and last row, phi_o wraps",
         );
         image.attribute("zonal_method", self.method.as_str());
         image.attribute("zonal_order", self.zonal_order as f64);

@@ -1,6 +1,6 @@
 //! A measurement: a plan run on a bench with a calibration, into a run folder that tells all.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
@@ -37,8 +37,10 @@ pub enum MeasureError {
     #[error("the run's plan.toml: {0}")]
     Plan(#[from] PlanError),
     /// The run did not end.
-    #[error("the run ended as `{status}`, not as `complete`: measure again")]
+    #[error("{path} says `{status}`, not `complete`: measure again", path = path.display())]
     NotComplete {
+        /// The run's record.
+        path: PathBuf,
         /// Its status.
         status: String,
     },
@@ -101,14 +103,19 @@ impl RunRecord {
     /// # Errors
     /// [`StoreError`]; a record of a newer program is [`StoreError::Invalid`].
     pub fn read(run: &Path) -> Result<Self, StoreError> {
-        let path = run.join("run.json");
-        let value: serde_json::Value = store::read_json(&path)?;
-        let format = value.get("format").and_then(serde_json::Value::as_u64).unwrap_or(0);
-        if format > u64::from(RUN_FORMAT) {
-            let reason = format!("run format {format} is newer than {RUN_FORMAT}: update zonal");
-            return Err(StoreError::invalid(&path, reason));
+        store::read_versioned(&run.join("run.json"), RUN_FORMAT)
+    }
+
+    /// Reads the record of a run that has ended well.
+    ///
+    /// # Errors
+    /// As [`RunRecord::read`], and [`MeasureError::NotComplete`].
+    pub fn read_complete(run: &Path) -> Result<Self, MeasureError> {
+        let record = Self::read(run)?;
+        if record.status == "complete" {
+            return Ok(record);
         }
-        serde_json::from_value(value).map_err(|e| StoreError::invalid(&path, e.to_string()))
+        Err(MeasureError::NotComplete { path: run.join("run.json"), status: record.status })
     }
 }
 
@@ -125,7 +132,8 @@ pub struct Measurement {
 /// Runs `plan` on the sample. With `folder`, everything is recorded there.
 ///
 /// # Errors
-/// [`MeasureError`]; a folder then says `failed` in its record and keeps what was stored.
+/// [`MeasureError`]. Before the first frame, there is no folder then; later it says `failed` in its record and keeps
+/// what was stored.
 pub fn measure(
     rig: &Rig,
     plan: &Plan,
@@ -138,6 +146,8 @@ pub fn measure(
     let started = Instant::now();
     let timing = Timing::of(rig);
     let pairs = lobe_pairs(rig, plan, calibration)?;
+    let gains: Vec<f64> = pairs.iter().map(|p| p.gain).collect();
+    let reducer = reducer(rig, plan, &gains, &calibration.scale)?;
     let items = plan.rig_time(&timing);
     let mut record = RunRecord {
         format: RUN_FORMAT,
@@ -156,15 +166,17 @@ pub fn measure(
         zone_deg: [rig.zone.theta_min_deg, rig.zone.theta_max_deg],
         noise_rel: 0.0,
         saturated_fraction: 0.0,
-        gains: pairs.iter().map(|p| p.gain).collect(),
+        gains,
     };
     if let Some(folder) = folder.as_deref_mut() {
-        store::write(&folder.file("rig.toml"), rig.to_toml().as_bytes())?;
-        store::write(&folder.file("plan.toml"), plan.to_toml().as_bytes())?;
-        calibration.write(&folder.file("calibration"), rig)?;
-        store::write_json(&folder.file("run.json"), &record)?;
+        folder.begin(|path| {
+            store::write(&path.join("rig.toml"), rig.to_toml().as_bytes())?;
+            store::write(&path.join("plan.toml"), plan.to_toml().as_bytes())?;
+            calibration.write(&path.join("calibration"), rig)?;
+            store::write_json(&path.join("run.json"), &record)
+        })?;
     }
-    let result = capture(rig, plan, bench, &pairs, &calibration.scale, folder.as_deref_mut(), progress);
+    let result = capture(rig, plan, bench, &pairs, reducer, folder.as_deref_mut(), progress);
     let outcome = result.and_then(|captured| finish(captured, &mut record, started, folder.as_deref()));
     if outcome.is_err()
         && let Some(folder) = folder
@@ -183,17 +195,24 @@ pub fn measure(
 pub fn reduce_run(run: &Path, calibration: Option<&Path>) -> Result<(Coefficients, RunRecord), MeasureError> {
     let started = Instant::now();
     let folder = RunFolder::open(run)?;
-    let mut record = RunRecord::read(run)?;
-    if record.status != "complete" {
-        return Err(MeasureError::NotComplete { status: record.status });
-    }
+    let mut record = RunRecord::read_complete(run)?;
     let rig = Rig::from_toml(&store::read_text(&folder.file("rig.toml"))?)?;
     let plan = Plan::from_toml(&store::read_text(&folder.file("plan.toml"))?)?;
     let own = folder.file("calibration");
     let scale = CalibrationSet::read(calibration.unwrap_or(&own), &rig)?.scale;
+    if record.gains.len() != size(plan.order) || record.gains.contains(&0.0) {
+        let reason = format!("`gains` are not {} divisors, as the plan asks for: measure again", size(plan.order));
+        return Err(StoreError::invalid(&folder.file("run.json"), reason).into());
+    }
     let mut reducer = reducer(&rig, &plan, &record.gains, &scale)?;
+    let crop = Crop::of_zone(&rig);
     for lobe in plan.lobes() {
-        reducer.add(lobe, &ResponseImage::read(&folder.response_path(&lobe))?);
+        let path = folder.response_path(&lobe);
+        let response = ResponseImage::read(&path)?;
+        if response.crop != crop {
+            return Err(StoreError::invalid(&path, "it shows another part of the sensor: measure again").into());
+        }
+        reducer.add(lobe, &response);
     }
     record.saturated_fraction = reducer.saturated_fraction();
     let coefficients = reducer.finish()?;
@@ -228,12 +247,10 @@ fn capture(
     plan: &Plan,
     bench: &mut dyn Bench,
     pairs: &[LobePair],
-    scale: &ChannelScale,
+    mut reducer: Reducer,
     folder: Option<&mut RunFolder>,
     progress: &mut Progress<'_>,
 ) -> Result<Captured, MeasureError> {
-    let gains: Vec<f64> = pairs.iter().map(|p| p.gain).collect();
-    let mut reducer = reducer(rig, plan, &gains, scale)?;
     let patterns: Vec<Pattern> = pairs.iter().flat_map(|p| p.patterns.clone()).collect();
     bench.place(Placement::Sample)?;
     let mut last_frame = Instant::now();

@@ -9,11 +9,14 @@ use crate::geometry::{Zone, ZoneError};
 /// Version of the rig file this program writes and the newest it reads.
 pub const FORMAT: u32 = 1;
 
+/// Beyond any rig, within what times and images can be computed from.
+const PLAUSIBLE: std::ops::RangeInclusive<f64> = 1e-6..=1e9;
+
 /// Why a rig cannot work.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum RigError {
     /// The text is not a rig file.
-    #[error("not a rig file: {0}")]
+    #[error("not a rig file, correct the marked line: {0}")]
     Toml(String),
     /// Written by a newer program.
     #[error("rig format {found} is newer than {FORMAT}, the newest this version reads: update zonal")]
@@ -22,7 +25,7 @@ pub enum RigError {
         found: u32,
     },
     /// A quantity outside its range.
-    #[error("{key} = {value} is out of range: {expected}")]
+    #[error("{key} = {value:?} is out of range: choose {expected}")]
     Range {
         /// The key, with its section.
         key: &'static str,
@@ -310,8 +313,8 @@ impl Rig {
             ("projector.refresh_hz", p.refresh_hz),
         ];
         for (key, value) in positive {
-            if !(value.is_finite() && value > 0.0) {
-                return Err(RigError::Range { key, value, expected: "a positive number" });
+            if !PLAUSIBLE.contains(&value) {
+                return Err(RigError::Range { key, value, expected: "a positive number, 1e-6..=1e9" });
             }
         }
         let within = |key, value: f64, lo: f64, hi: f64, expected| {

@@ -17,7 +17,7 @@ pub const MAX_PLAN_ORDER: usize = 20;
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum PlanError {
     /// The text is not a plan.
-    #[error("not an acquisition plan: {0}")]
+    #[error("not an acquisition plan, correct the marked line: {0}")]
     Toml(String),
     /// Written by a newer program.
     #[error("plan format {found} is newer than {FORMAT}, the newest this version reads: update zonal")]

@@ -37,6 +37,14 @@ pub enum ReduceError {
         /// Lobes the plan has.
         expected: usize,
     },
+    /// No noise can be given for a measurement without a signal.
+    #[error(
+        "the constant function left no signal ({saturated_percent:.0}% of pixels saturated): change the plan's exposures"
+    )]
+    NoSignal {
+        /// Share of saturated pixels, percent.
+        saturated_percent: f64,
+    },
     /// The order is out of range.
     #[error(transparent)]
     Order(#[from] OrderError),

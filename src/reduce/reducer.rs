@@ -96,12 +96,18 @@ impl Reducer {
     /// The coefficients.
     ///
     /// # Errors
-    /// [`ReduceError::Incomplete`] if a lobe is missing.
+    /// [`ReduceError::Incomplete`] if a lobe is missing, [`ReduceError::NoSignal`] if all is dark or saturated.
     pub fn finish(self) -> Result<Coefficients, ReduceError> {
         let expected = 2 * size(self.order);
         if self.lobes != expected {
             return Err(ReduceError::Incomplete { found: self.lobes, expected });
         }
-        Ok(Coefficients { grid: self.cells.grid(), order: self.order, values: self.values, sigma: self.sigma })
+        let saturated_percent = 100.0 * self.saturated_fraction();
+        let coefficients =
+            Coefficients { grid: self.cells.grid(), order: self.order, values: self.values, sigma: self.sigma };
+        if !coefficients.noise_rel().is_finite() {
+            return Err(ReduceError::NoSignal { saturated_percent });
+        }
+        Ok(coefficients)
     }
 }

@@ -8,6 +8,9 @@ use half::f16;
 
 use super::{StoreError, read, write};
 
+/// Version of the planes and attributes this program writes and the newest it reads.
+const FORMAT: f64 = 1.0;
+
 /// The samples of one named plane, row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Plane {
@@ -105,7 +108,7 @@ impl Layers {
         })
     }
 
-    /// Writes an OpenEXR file, whole or not at all.
+    /// Writes an OpenEXR file, whole or not at all, with the attributes `zonal_format` and `zonal_software` added.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -119,7 +122,9 @@ impl Layers {
         });
         let channels = AnyChannels::sort(channels.collect());
         let mut attributes = LayerAttributes::default();
-        for (name, value) in &self.attributes {
+        let format = ("zonal_format".to_owned(), Attribute::Number(FORMAT));
+        let software = ("zonal_software".to_owned(), Attribute::from(concat!("zonal ", env!("CARGO_PKG_VERSION"))));
+        for (name, value) in [&format, &software].into_iter().chain(&self.attributes) {
             let value = match value {
                 Attribute::Text(t) => AttributeValue::Text(Text::from(t.as_str())),
                 Attribute::Number(x) => AttributeValue::F64(*x),
@@ -139,7 +144,7 @@ impl Layers {
     /// Reads an OpenEXR file of flat half or float planes.
     ///
     /// # Errors
-    /// [`StoreError`]; a truncated or foreign file is [`StoreError::Invalid`].
+    /// [`StoreError`]; a truncated or foreign file and one of a newer program are [`StoreError::Invalid`].
     pub fn read(path: &Path) -> std::result::Result<Self, StoreError> {
         let invalid =
             |e: Error| StoreError::invalid(path, format!("not a readable OpenEXR image ({e}): make it again"));
@@ -169,7 +174,14 @@ impl Layers {
                 _ => {}
             }
         }
-        Ok(layers)
+        match layers.number("zonal_format") {
+            Some(found) if found > FORMAT => {
+                let reason =
+                    format!("format {found} is newer than {FORMAT}, the newest this version reads: update zonal");
+                Err(StoreError::invalid(path, reason))
+            }
+            _ => Ok(layers),
+        }
     }
 }
 

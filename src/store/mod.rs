@@ -35,6 +35,12 @@ pub enum StoreError {
         /// Cause.
         source: io::Error,
     },
+    /// A folder to be made holds something already.
+    #[error("{path} already holds files: choose another --out, nothing is overwritten", path = path.display())]
+    NotEmpty {
+        /// The folder.
+        path: PathBuf,
+    },
     /// The file is not what it should be.
     #[error("{path} is damaged or of another kind: {reason}", path = path.display())]
     Invalid {
@@ -65,7 +71,7 @@ pub fn read(path: &Path) -> Result<Vec<u8>, StoreError> {
 /// # Errors
 /// [`StoreError::Read`] or [`StoreError::Invalid`].
 pub fn read_text(path: &Path) -> Result<String, StoreError> {
-    String::from_utf8(read(path)?).map_err(|e| StoreError::invalid(path, format!("not UTF-8 text ({e})")))
+    String::from_utf8(read(path)?).map_err(|e| StoreError::invalid(path, format!("not text ({e}): save it as UTF-8")))
 }
 
 /// Creates a folder and its parents.
@@ -81,10 +87,7 @@ pub fn create_dir(path: &Path) -> Result<(), StoreError> {
 /// # Errors
 /// [`StoreError::Write`]; the temporary file is removed and an older file of that name stays as it was.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<(), StoreError> {
-    let mut name = OsString::from(".");
-    name.push(path.file_name().unwrap_or_default());
-    name.push(".part");
-    let part = path.with_file_name(name);
+    let part = part(path);
     let attempt = || -> io::Result<()> {
         let mut file = fs::File::create(&part)?;
         file.write_all(bytes)?;
@@ -96,6 +99,45 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), StoreError> {
         let _ = fs::remove_file(&part);
         StoreError::Write { path: path.to_owned(), source }
     })
+}
+
+/// Makes a folder whole or not at all: `fill` gets a temporary name beside it, renamed when all is written.
+///
+/// # Errors
+/// [`StoreError::NotEmpty`] if the folder holds anything, [`StoreError::Write`], and what `fill` returns; the temporary
+/// folder is removed.
+pub fn write_dir<E: From<StoreError>>(path: &Path, fill: impl FnOnce(&Path) -> Result<(), E>) -> Result<(), E> {
+    vacant(path)?;
+    let part = part(path);
+    // A program that was killed may have left one.
+    let _ = fs::remove_dir_all(&part);
+    let rename = || fs::rename(&part, path).map_err(|source| StoreError::Write { path: path.to_owned(), source });
+    let attempt = create_dir(&part).map_err(E::from).and_then(|()| fill(&part)).and_then(|()| Ok(rename()?));
+    attempt.inspect_err(|_| {
+        // Best effort: the first error is the one to report.
+        let _ = fs::remove_dir_all(&part);
+    })
+}
+
+/// Checks that a folder is empty or does not exist.
+///
+/// # Errors
+/// [`StoreError::NotEmpty`], or [`StoreError::Write`] if it is no folder.
+pub fn vacant(path: &Path) -> Result<(), StoreError> {
+    match fs::read_dir(path).map(|mut entries| entries.next().is_some()) {
+        Ok(false) => Ok(()),
+        Ok(true) => Err(StoreError::NotEmpty { path: path.to_owned() }),
+        Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(()),
+        Err(source) => Err(StoreError::Write { path: path.to_owned(), source }),
+    }
+}
+
+/// The temporary name beside a path.
+fn part(path: &Path) -> PathBuf {
+    let mut name = OsString::from(".");
+    name.push(path.file_name().unwrap_or_default());
+    name.push(".part");
+    path.with_file_name(name)
 }
 
 /// Writes a value as indented JSON.
@@ -113,7 +155,20 @@ pub fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<(), StoreError
 /// # Errors
 /// [`StoreError::Read`] or [`StoreError::Invalid`], which names line and column.
 pub fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, StoreError> {
-    serde_json::from_slice(&read(path)?).map_err(|e| StoreError::invalid(path, e.to_string()))
+    serde_json::from_slice(&read(path)?).map_err(|e| StoreError::invalid(path, format!("{e}: make it again")))
+}
+
+/// Reads a value from JSON whose key `format` is its version, which is looked at before anything else.
+///
+/// # Errors
+/// As [`read_json`], and [`StoreError::Invalid`] for a version above `newest`.
+pub fn read_versioned<T: DeserializeOwned>(path: &Path, newest: u32) -> Result<T, StoreError> {
+    let value: serde_json::Value = read_json(path)?;
+    if let Some(found) = value.get("format").and_then(serde_json::Value::as_u64).filter(|&f| f > u64::from(newest)) {
+        let reason = format!("format {found} is newer than {newest}, the newest this version reads: update zonal");
+        return Err(StoreError::invalid(path, reason));
+    }
+    serde_json::from_value(value).map_err(|e| StoreError::invalid(path, format!("{e}: make it again")))
 }
 
 #[cfg(test)]
@@ -131,5 +186,24 @@ mod tests {
         assert!(write(&blocked, b"x").is_err());
         assert_eq!(read(&file).unwrap(), b"old");
         assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 2);
+    }
+
+    #[test]
+    fn a_folder_is_made_whole_or_not_at_all() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = dir.path().join("folder");
+        let half = |part: &Path| {
+            write(&part.join("a"), b"x")?;
+            write(&part.join("missing/b"), b"x")
+        };
+        assert!(matches!(write_dir(&folder, half), Err(StoreError::Write { .. })));
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0);
+        fs::create_dir(&folder).unwrap();
+        write_dir(&folder, |part| write(&part.join("a"), b"x")).unwrap();
+        assert_eq!(read(&folder.join("a")).unwrap(), b"x");
+        let again = write_dir(&folder, |part| write(&part.join("b"), b"x"));
+        assert!(matches!(again, Err(StoreError::NotEmpty { .. })));
+        assert!(write_dir(&folder.join("a"), half).is_err());
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
     }
 }

@@ -1,6 +1,8 @@
 //! What several integration tests need: rigs, calibrated twins, converged integrals of the truth.
 #![allow(dead_code)]
 
+use std::path::Path;
+use std::process::Command;
 use std::sync::Arc;
 
 use zonal::basis::Harmonics;
@@ -81,4 +83,19 @@ pub fn gray(z: &[f64]) -> Vec<f64> {
 pub fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values[values.len() / 2]
+}
+
+/// Runs a script of tests/python on `cases` and fails with what it says.
+pub fn ask(script: &str, cases: &serde_json::Value) {
+    let python = std::env::var_os("ZONAL_PYTHON")
+        .expect("set ZONAL_PYTHON to a Python with tests/python/requirements.txt installed: `bash tests/run.sh` does");
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("cases.json");
+    std::fs::write(&file, cases.to_string()).unwrap();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python").join(script);
+    let output = Command::new(&python).arg("-B").arg(&script).arg(&file).output();
+    let output = output.unwrap_or_else(|e| panic!("ZONAL_PYTHON = {}: {e}", python.display()));
+    let said = String::from_utf8_lossy(&output.stdout);
+    println!("{said}");
+    assert!(output.status.success(), "{}:\n{said}{}", script.display(), String::from_utf8_lossy(&output.stderr));
 }

@@ -1,12 +1,12 @@
 //! `zonal calibrate`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use clap::ValueEnum;
 use zonal::calibrate::{CalibrationSet, flat_field, gray_card, response};
 use zonal::patterns::Plan;
-use zonal::store;
+use zonal::store::{self, StoreError};
 use zonal::twin::TwinConfig;
 
 use crate::common::{self, Report};
@@ -34,7 +34,7 @@ pub struct Args {
     #[arg(long)]
     simulate: bool,
     /// Seed of the simulated noise.
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
     seed: u64,
 }
 
@@ -49,15 +49,13 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     match args.kind {
         Kind::Response => {
             let response = response(&rig, &mut bench)?;
-            store::create_dir(&args.out)?;
-            CalibrationSet::write_response(&response, &args.out, &rig)?;
+            write(&args.out, |folder| CalibrationSet::write_response(&response, folder, &rig))?;
             let text = format!("contrast {:.1}:1; response.json in {}", response.contrast(), args.out.display());
             Ok(Report { text, json: serde_json::json!({ "kind": "response", "contrast": response.contrast() }) })
         }
         Kind::FlatField => {
             let flat = flat_field(&rig, &mut bench)?;
-            store::create_dir(&args.out)?;
-            CalibrationSet::write_flat_field(&flat, &args.out, &rig)?;
+            write(&args.out, |folder| CalibrationSet::write_flat_field(&flat, folder, &rig))?;
             let darkest = flat.values.iter().copied().fold(1.0f32, f32::min);
             let text = format!("darkest pixel {darkest:.3} of the brightest; flat-field.exr in {}", args.out.display());
             Ok(Report { text, json: serde_json::json!({ "kind": "flat-field", "darkest": darkest }) })
@@ -79,4 +77,9 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
             Ok(Report { text, json: serde_json::json!({ "kind": "gray-card", "check": check }) })
         }
     }
+}
+
+/// Adds a file to the folder, or makes the folder with it.
+fn write(folder: &Path, file: impl FnOnce(&Path) -> Result<(), StoreError>) -> Result<(), StoreError> {
+    if folder.is_dir() { file(folder) } else { store::write_dir(folder, file) }
 }

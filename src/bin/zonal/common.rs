@@ -78,8 +78,17 @@ pub fn writable(path: &Path) -> anyhow::Result<PathBuf> {
         Some(p) if !p.as_os_str().is_empty() => p,
         _ => Path::new("."),
     };
-    if !folder.is_dir() || path.is_dir() {
-        let reason = if path.is_dir() { "it is a folder" } else { "its parent is not a folder" };
+    let reason = if path.is_dir() {
+        Some("it is a folder")
+    } else if path.exists() && !path.is_file() {
+        // Renamed over, a device would be gone.
+        Some("it is a device")
+    } else if !folder.is_dir() {
+        Some("its parent is not a folder")
+    } else {
+        None
+    };
+    if let Some(reason) = reason {
         return Err(BadUsage(format!("cannot write {}: {reason}; choose another --out", path.display())).into());
     }
     Ok(path.to_owned())
@@ -99,6 +108,15 @@ pub fn makeable(path: &Path) -> anyhow::Result<()> {
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct BadUsage(pub String);
+
+/// An error and its causes, each said once.
+pub fn message(error: &anyhow::Error) -> String {
+    error.chain().map(|cause| cause.to_string()).fold(String::new(), |said, cause| match said {
+        said if said.contains(&cause) => said,
+        said if said.is_empty() => cause,
+        said => format!("{said}: {cause}"),
+    })
+}
 
 /// 1 where a device failed or a computation broke down, 2 where the request or its files must change.
 pub fn exit_code(error: &anyhow::Error) -> ExitCode {

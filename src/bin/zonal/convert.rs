@@ -38,7 +38,7 @@ pub struct Args {
     #[arg(long, default_value = "parity")]
     method: MethodArg,
     /// Zonal order to use, at most the run's.
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     order: Option<usize>,
     /// OpenEXR file to write.
     #[arg(long)]
@@ -50,7 +50,7 @@ pub struct Args {
 
 pub fn run(args: &Args) -> anyhow::Result<Report> {
     let out = common::writable(&args.out)?;
-    RunRecord::read(&args.run)?;
+    RunRecord::read_complete(&args.run)?;
     let measured = Coefficients::read(&args.run.join("coefficients.exr"))?;
     let order = args.order.unwrap_or(measured.order);
     if order > measured.order {

@@ -30,7 +30,7 @@ pub struct Args {
     #[arg(long, default_value = "red-plastic")]
     material: String,
     /// Seed of the simulated noise.
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
     seed: u64,
 }
 

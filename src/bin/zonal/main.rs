@@ -11,6 +11,7 @@ mod plan;
 mod reduce;
 mod render;
 
+use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -74,15 +75,18 @@ fn main() -> ExitCode {
     };
     match result {
         Ok(report) => {
-            if cli.json {
-                println!("{}", report.json);
-            } else {
-                println!("{}", report.text);
+            let said = if cli.json { report.json.to_string() } else { report.text };
+            match writeln!(std::io::stdout(), "{said}") {
+                // Who closed the pipe has read enough.
+                Err(error) if error.kind() != ErrorKind::BrokenPipe => {
+                    eprintln!("error: done, but cannot write to stdout: {error}; redirect it elsewhere");
+                    ExitCode::from(2)
+                }
+                _ => ExitCode::SUCCESS,
             }
-            ExitCode::SUCCESS
         }
         Err(error) => {
-            eprintln!("error: {error:#}");
+            eprintln!("error: {}", common::message(&error));
             common::exit_code(&error)
         }
     }

@@ -22,7 +22,7 @@ pub struct Args {
     #[arg(long, value_name = "MATERIAL")]
     simulate: Option<String>,
     /// Seed of the simulated noise.
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
     seed: u64,
     /// Simulate a camera without shot and dark noise.
     #[arg(long)]
@@ -45,6 +45,7 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     if args.noiseless {
         config = config.noiseless();
     }
+    // Found out before a calibration is made; the folder itself appears with the first frame.
     let mut folder = RunFolder::create(&args.out, args.keep_frames)?;
     let calibration = common::calibration(args.calibration.as_deref(), &rig, &config)?;
     let mut bench = common::bench(&rig, &config, sample);

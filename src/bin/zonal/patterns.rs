@@ -29,6 +29,7 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     let rig = common::rig(&args.rig)?;
     let plan = common::plan(&args.plan)?;
     common::makeable(&args.out)?;
+    store::vacant(&args.out)?;
     let (width, height) = (rig.projector.width_px, rig.projector.height_px);
     let (response, flat) = match &args.calibration {
         Some(folder) => {
@@ -38,14 +39,15 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
         None => (Response::linear(), FlatField::uniform(width, height)),
     };
     let lobes = Lobes::new(&rig.projector_map(), rig.zone(), plan.order, width, height)?;
-    store::create_dir(&args.out)?;
-    (0..size(plan.order)).into_par_iter().try_for_each(|k| {
-        let pair = lobes.encode(k, &response, &flat);
-        for (pattern, sign) in pair.patterns.iter().zip([Sign::Positive, Sign::Negative]) {
-            pattern.write_png(&args.out.join(format!("{}.png", Lobe { k, sign }.stem())))?;
-        }
-        let (l, m) = zonal::basis::lm(k);
-        lobes.write_exr(k, &args.out.join(format!("{k:03}_l{l}_m{m:+}.exr")))
+    store::write_dir(&args.out, |folder| {
+        (0..size(plan.order)).into_par_iter().try_for_each(|k| {
+            let pair = lobes.encode(k, &response, &flat);
+            for (pattern, sign) in pair.patterns.iter().zip([Sign::Positive, Sign::Negative]) {
+                pattern.write_png(&folder.join(format!("{}.png", Lobe { k, sign }.stem())))?;
+            }
+            let (l, m) = zonal::basis::lm(k);
+            lobes.write_exr(k, &folder.join(format!("{k:03}_l{l}_m{m:+}.exr")))
+        })
     })?;
     let text =
         format!("{} frames (PNG) and {} functions (EXR) in {}", plan.images(), size(plan.order), args.out.display());

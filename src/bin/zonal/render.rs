@@ -25,10 +25,10 @@ pub struct Args {
     #[arg(long)]
     probe: Option<String>,
     /// Side of a sphere in pixels.
-    #[arg(long, default_value_t = 256)]
+    #[arg(long, default_value_t = 256, allow_negative_numbers = true)]
     size: usize,
     /// Multiplies the image before it is encoded as PNG.
-    #[arg(long, default_value_t = 1.0)]
+    #[arg(long, default_value_t = 1.0, allow_negative_numbers = true)]
     exposure: f32,
 }
 
@@ -46,6 +46,9 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     let out = common::writable(&args.out)?;
     if !(8..=4096).contains(&args.size) {
         return Err(BadUsage(format!("--size {} is out of range: choose 8..=4096", args.size)).into());
+    }
+    if !(args.exposure.is_finite() && args.exposure > 0.0) {
+        return Err(BadUsage(format!("--exposure {} is out of range: choose a positive number", args.exposure)).into());
     }
     let exr = match out.extension().and_then(|e| e.to_str()) {
         Some("exr") => true,

@@ -1,0 +1,573 @@
+//! The program from outside: bad input ends with status 2, says where and what helps, and leaves every file as it was.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::LazyLock;
+
+use serde_json::{Map, Value};
+use tempfile::TempDir;
+use zonal::calibrate::CalibrationSet;
+use zonal::geometry::{ExitantGrid, Zone};
+use zonal::optics::Rig;
+use zonal::radiometry::FlatField;
+use zonal::reduce::Coefficients;
+
+const ZONAL: &str = env!("CARGO_BIN_EXE_zonal");
+const RIG: &str = include_str!("../optics/ghosh-2007-built.toml");
+const PLAN: &str = "format = 1\nname = \"small\"\norder = 1\nrepeats = 1\n\
+    [exposure]\ncount = 2\nshortest_refreshes = 2\nspacing = 8\n[exitant]\nrings = 8\nsectors = 12\n";
+
+/// A run and its conversion that all tests share; what `measure` and `convert` printed for it.
+struct Example {
+    folder: PathBuf,
+    measured: Output,
+    converted: Output,
+}
+
+static EXAMPLE: LazyLock<Example> = LazyLock::new(|| {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("cli-example");
+    // Of an earlier run of the tests.
+    let _ = fs::remove_dir_all(&folder);
+    fs::create_dir_all(&folder).unwrap();
+    fs::write(folder.join("rig.toml"), RIG).unwrap();
+    fs::write(folder.join("plan.toml"), PLAN).unwrap();
+    let measured = zonal(&folder, "measure rig.toml plan.toml --out run --simulate ggx-0.4 --json");
+    assert!(measured.status.success(), "{}", text(&measured.stderr));
+    let converted = zonal(&folder, "convert run --out sh.exr --json");
+    assert!(converted.status.success(), "{}", text(&converted.stderr));
+    Example { folder, measured, converted }
+});
+
+/// A folder with `rig.toml`, `plan.toml` and files that commands must not touch.
+fn desk() -> TempDir {
+    let desk = tempfile::tempdir().unwrap();
+    for (name, content) in
+        [("rig.toml", RIG), ("plan.toml", PLAN), ("file", "kept"), ("old.exr", "old"), ("old.png", "old")]
+    {
+        fs::write(desk.path().join(name), content).unwrap();
+    }
+    desk
+}
+
+/// A desk with a finished run as `run` and its conversion as `sh.exr`.
+fn desk_with_run() -> TempDir {
+    let desk = desk();
+    for (path, bytes) in contents(&EXAMPLE.folder) {
+        let path = desk.path().join(path);
+        match bytes {
+            Some(bytes) => fs::write(path, bytes).unwrap(),
+            None => fs::create_dir_all(path).unwrap(),
+        }
+    }
+    desk
+}
+
+/// Everything below a folder: files with their bytes, folders without, parents first.
+fn contents(folder: &Path) -> BTreeMap<PathBuf, Option<Vec<u8>>> {
+    let mut all = BTreeMap::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(below) = folders.pop() {
+        for entry in fs::read_dir(below).unwrap() {
+            let path = entry.unwrap().path();
+            let bytes = if path.is_dir() { None } else { Some(fs::read(&path).unwrap()) };
+            all.insert(path.strip_prefix(folder).unwrap().to_owned(), bytes);
+            if path.is_dir() {
+                folders.push(path);
+            }
+        }
+    }
+    all
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// Runs the program in a folder; arguments are split at spaces.
+fn zonal(desk: &Path, arguments: &str) -> Output {
+    Command::new(ZONAL).current_dir(desk).args(arguments.split(' ')).output().unwrap()
+}
+
+/// The same where no file may be longer than `kib` KiB.
+fn zonal_limited(desk: &Path, kib: usize, arguments: &str) -> Output {
+    let script = format!("ulimit -f {kib}; exec \"$0\" \"$@\"");
+    Command::new("bash").current_dir(desk).args(["-c", &script, ZONAL]).args(arguments.split(' ')).output().unwrap()
+}
+
+/// Status 2, nothing on stdout, and a message that holds all `words`.
+fn assert_refused(arguments: &str, output: &Output, words: &[&str]) {
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{arguments}: {:?}\n{said}", output.status);
+    assert!(output.stdout.is_empty(), "{arguments}: {}", text(&output.stdout));
+    assert!(said.starts_with("error: "), "{arguments}: {said}");
+    for word in words {
+        assert!(said.contains(word), "{arguments}: no `{word}` in\n{said}");
+    }
+}
+
+/// The command is refused and the folder stays as it was.
+fn refused(desk: &TempDir, arguments: &str, words: &[&str]) {
+    let before = contents(desk.path());
+    let output = zonal(desk.path(), arguments);
+    assert_refused(arguments, &output, words);
+    assert_unchanged(arguments, &before, desk);
+}
+
+fn assert_unchanged(arguments: &str, before: &BTreeMap<PathBuf, Option<Vec<u8>>>, desk: &TempDir) {
+    let after = contents(desk.path());
+    let names = |all: &BTreeMap<PathBuf, _>| all.keys().cloned().collect::<Vec<_>>();
+    assert_eq!(names(before), names(&after), "{arguments}");
+    assert!(*before == after, "{arguments} changed a file");
+}
+
+/// The command ends well and prints one JSON object.
+fn json(output: &Output) -> Map<String, Value> {
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let value: Value = serde_json::from_slice(&output.stdout).expect("one JSON value and nothing else");
+    value.as_object().expect("an object").clone()
+}
+
+fn edit(path: &Path, change: impl FnOnce(&mut Vec<u8>)) {
+    let mut bytes = fs::read(path).unwrap();
+    change(&mut bytes);
+    fs::write(path, bytes).unwrap();
+}
+
+/// Replaces text that occurs once.
+fn replace(path: &Path, from: &str, to: &str) {
+    let text = fs::read_to_string(path).unwrap();
+    assert_eq!(text.matches(from).count(), 1, "{from}");
+    fs::write(path, text.replace(from, to)).unwrap();
+}
+
+#[test]
+fn rigs_that_cannot_work_are_refused() {
+    let cases: [(&str, &str, &[&str]); 11] = [
+        ("[zone]", "[zoen]", &["bad.toml", "`zoen`", "expected"]),
+        ("focus_mm = 280.0\nf_number = 8.0", "focus = 280.0\nf_number = 8.0", &["bad.toml", "`focus`", "focus_mm"]),
+        ("vertex_height_mm", "vertex_height_cm", &["bad.toml", "`vertex_height_cm`", "`vertex_height_mm`"]),
+        ("theta_min_deg = 9.0", "theta_min_deg = 57.0", &["bad.toml", "[zone]", "theta_min < theta_max", "correct"]),
+        ("theta_min_deg = 9.0", "theta_min_deg = 60.0", &["bad.toml", "[zone]", "theta_min < theta_max", "correct"]),
+        ("theta_min_deg = 9.0", "theta_min_deg = nan", &["bad.toml", "[zone]", "correct"]),
+        (
+            "rim_radius_mm = 126.5",
+            "rim_radius_mm = 3.0",
+            &["bad.toml", "rays miss the dome", "vertex_height_mm", "lengthen"],
+        ),
+        ("centre_height_mm = 405.0", "centre_height_mm = 1e309", &["bad.toml", "centre_height_mm"]),
+        ("f_number = 2.0", "f_number = -2.0", &["bad.toml", "projector.f_number", "positive"]),
+        ("width_px = 800", "width_px = 800000", &["bad.toml", "projector.width_px", "16..=16384"]),
+        ("format = 1", "format = 2", &["bad.toml", "format 2", "update"]),
+    ];
+    for (from, to, words) in cases {
+        let desk = desk();
+        fs::write(desk.path().join("bad.toml"), RIG).unwrap();
+        replace(&desk.path().join("bad.toml"), from, to);
+        refused(&desk, "plan bad.toml plan.toml", words);
+        refused(&desk, "measure bad.toml plan.toml --out run --simulate ggx-0.4", words);
+    }
+}
+
+#[test]
+fn plans_that_cannot_run_are_refused() {
+    let cases: [(&str, &str, &[&str]); 9] = [
+        ("order = 1", "order = 200", &["bad.toml", "order = 200", "0..=20"]),
+        ("order = 1", "order = -1", &["bad.toml", "line 3", "-1"]),
+        ("order = 1", "oder = 1", &["bad.toml", "`oder`", "`order`"]),
+        ("shortest_refreshes", "shortest_s", &["bad.toml", "`shortest_s`", "`shortest_refreshes`"]),
+        ("count = 2", "count = 99999999999", &["bad.toml", "line 6", "99999999999"]),
+        ("rings = 8", "rings = 1", &["bad.toml", "exitant.rings = 1", "3..=512"]),
+        ("repeats = 1", "", &["bad.toml", "missing field `repeats`"]),
+        ("format = 1", "format = 2", &["bad.toml", "format 2", "update"]),
+        ("\"small\"", "\"small", &["bad.toml", "line 2"]),
+    ];
+    for (from, to, words) in cases {
+        let desk = desk();
+        fs::write(desk.path().join("bad.toml"), PLAN).unwrap();
+        replace(&desk.path().join("bad.toml"), from, to);
+        refused(&desk, "plan rig.toml bad.toml", words);
+        refused(&desk, "patterns rig.toml bad.toml --out frames", words);
+    }
+    let desk = desk();
+    fs::write(desk.path().join("bad.toml"), b"name = \"\xff\"").unwrap();
+    refused(&desk, "plan rig.toml bad.toml", &["bad.toml", "UTF-8"]);
+    refused(&desk, "plan rig.toml missing.toml", &["missing.toml", "check the path"]);
+    refused(&desk, "plan . plan.toml", &["cannot read .", "check the path"]);
+    fs::write(desk.path().join("fine.toml"), PLAN.replace("rings = 8", "rings = 512")).unwrap();
+    let calibrated = format!("--calibration {}", EXAMPLE.folder.join("run/calibration").display());
+    let arguments = format!("measure rig.toml fine.toml --out run --simulate ggx-0.4 {calibrated}");
+    refused(&desk, &arguments, &["ring", "fewer exitant.rings"]);
+}
+
+#[test]
+fn wrong_usage_is_refused() {
+    let desk = desk();
+    for (arguments, words) in [
+        (
+            "measure rig.toml plan.toml --out run --simulate ggx-0.44",
+            &["`ggx-0.44`", "ggx-0.4,", "zonal materials"][..],
+        ),
+        ("measure rig.toml plan.toml --out run --simulate rig.toml", &["rig.toml", "zonal materials"]),
+        ("measure rig.toml plan.toml --out run", &["--simulate"]),
+        ("measure rig.toml plan.toml --out run --simulate ggx-0.4 --seed -1", &["--seed", "-1"]),
+        ("measure rig.toml plan.toml --out run --simulate ggx-0.4 --calibration none", &["none", "check the path"]),
+        ("calibrate response rig.toml --out cal", &["--simulate"]),
+        ("calibrate gray-card rig.toml --out cal --simulate", &["response.json", "zonal calibrate response"]),
+        ("render ggx-0.4 --out picture", &["picture", ".png or .exr"]),
+        ("render ggx-0.4 --out picture.jpg", &["picture.jpg", ".png or .exr"]),
+        ("render ggx-0.4 --out old.png --size 0", &["--size 0", "8..=4096"]),
+        ("render ggx-0.4 --out old.png --exposure nan", &["--exposure NaN", "positive"]),
+        ("render ggx-0.4 --out old.png --exposure -1", &["--exposure -1", "positive"]),
+        ("render ggx-0.4 --out old.png --probe rig.toml", &["rig.toml", ".hdr or .exr"]),
+        ("render ggx-0.4 --out old.png --beside white-", &["`white-`", "white,"]),
+        ("render old.exr --out old.png", &["old.exr", "make it again"]),
+        ("render ggx-0.4", &["--out"]),
+        ("convert run --out old.exr", &["run/run.json", "check the path"]),
+        ("convert . --out old.exr", &["run.json", "check the path"]),
+        ("convert run --out old.exr --order -1", &["--order", "-1"]),
+        ("convert run --out old.exr --method best", &["best", "parity"]),
+        ("reduce .", &["run.json", "check the path"]),
+        ("demo --out page --material ggx", &["`ggx`", "did you mean"]),
+        ("explain", &["explain"]),
+    ] {
+        refused(&desk, arguments, words);
+    }
+}
+
+#[test]
+fn places_that_cannot_be_written_are_refused_before_work_begins() {
+    let desk = desk_with_run();
+    fs::create_dir(desk.path().join("folder.png")).unwrap();
+    for command in [
+        "patterns rig.toml plan.toml",
+        "measure rig.toml plan.toml --simulate ggx-0.4",
+        "calibrate response rig.toml --simulate",
+        "convert run",
+        "render ggx-0.4",
+        "demo",
+    ] {
+        for place in ["file/out.png", "file/below/out.png", "/dev/null/out.png"] {
+            refused(&desk, &format!("{command} --out {place}"), &[place, "choose another --out"]);
+        }
+    }
+    for place in ["folder.png", "none/out.png", "/dev/null"] {
+        refused(&desk, &format!("convert run --out {place}"), &[place, "choose another --out"]);
+    }
+    for command in ["patterns rig.toml plan.toml", "measure rig.toml plan.toml --simulate ggx-0.4"] {
+        refused(&desk, &format!("{command} --out run"), &["run already holds files", "choose another --out"]);
+    }
+}
+
+#[test]
+fn a_file_size_limit_leaves_what_was_there() {
+    let desk = desk_with_run();
+    for arguments in [
+        "patterns rig.toml plan.toml --out frames",
+        "measure rig.toml plan.toml --out new --simulate ggx-0.4 --calibration run/calibration",
+        "calibrate flat-field rig.toml --out cal --simulate",
+        "convert run --out old.exr",
+        "render ggx-0.4 --out old.png --size 200",
+        "render ggx-0.4 --out old.exr --size 200",
+        "reduce run",
+    ] {
+        let before = contents(desk.path());
+        let output = zonal_limited(desk.path(), 2, arguments);
+        assert_refused(arguments, &output, &["cannot write", "too large", "free space"]);
+        assert_unchanged(arguments, &before, &desk);
+    }
+}
+
+#[test]
+fn a_run_that_breaks_off_says_so() {
+    let desk = desk_with_run();
+    // An even projector's calibration is a small file, a response is not.
+    let rig = Rig::from_toml(RIG).unwrap();
+    let mut calibration = CalibrationSet::read(&desk.path().join("run/calibration"), &rig).unwrap();
+    calibration.flat = FlatField::uniform(rig.projector.width_px, rig.projector.height_px);
+    calibration.write(&desk.path().join("even"), &rig).unwrap();
+    let arguments = "measure rig.toml plan.toml --out new --simulate ggx-0.4 --calibration even";
+    let output = zonal_limited(desk.path(), 100, arguments);
+    assert_refused(arguments, &output, &["new/responses/000", "too large", "free space"]);
+    let record = fs::read(desk.path().join("new/run.json")).unwrap();
+    assert_eq!(serde_json::from_slice::<Value>(&record).unwrap()["status"], "failed");
+    let left = contents(desk.path());
+    assert!(!left.keys().any(|path| path.to_string_lossy().contains(".part")), "{:?}", left.keys());
+    for arguments in ["convert new --out old.exr", "reduce new"] {
+        refused(&desk, arguments, &["new/run.json", "`failed`", "measure again"]);
+    }
+}
+
+#[test]
+fn damaged_runs_are_refused() {
+    let cut = |bytes: &mut Vec<u8>| bytes.truncate(bytes.len() / 2);
+    let desk = desk_with_run();
+    let run = desk.path().join("run");
+    let both = ["convert run --out old.exr", "reduce run"];
+    let damaged = |name: &str, change: &dyn Fn(&mut Vec<u8>), commands: &[&str], words: &[&str]| {
+        let whole = fs::read(run.join(name)).unwrap();
+        edit(&run.join(name), change);
+        commands.iter().for_each(|arguments| refused(&desk, arguments, words));
+        fs::write(run.join(name), whole).unwrap();
+    };
+    let swap = |from: &'static str, to: &'static str| {
+        move |bytes: &mut Vec<u8>| {
+            let at = bytes.windows(from.len()).position(|w| w == from.as_bytes()).expect(from);
+            bytes.splice(at..at + from.len(), to.bytes());
+        }
+    };
+    damaged("run.json", &swap("\"order\": 1,", "\"order\": ,"), &both, &["run/run.json", "line", "column", "again"]);
+    damaged("run.json", &swap("\"order\": 1,", "\"order\": \"one\","), &both, &["run/run.json", "\"one\"", "again"]);
+    damaged(
+        "run.json",
+        &swap("\"format\": 1", "\"format\": 2, \"new\": 0"),
+        &both,
+        &["run/run.json", "format 2", "update"],
+    );
+    damaged("run.json", &swap("complete", "running"), &both, &["run/run.json", "`running`", "measure again"]);
+    damaged(
+        "run.json",
+        &swap("\"gains\": [", "\"gains\": [1.0,"),
+        &["reduce run"],
+        &["run/run.json", "`gains`", "again"],
+    );
+    damaged("run.json", &cut, &both, &["run/run.json", "line", "again"]);
+    damaged("coefficients.exr", &cut, &both[..1], &["run/coefficients.exr", "again"]);
+    damaged(
+        "coefficients.exr",
+        &swap("z_003.R", "z_003.S"),
+        &both[..1],
+        &["run/coefficients.exr", "`z_003.R`", "again"],
+    );
+    damaged("rig.toml", &cut, &["reduce run"], &["rig.toml", "line"]);
+    damaged("plan.toml", &swap("order = 1", "order = 2"), &["reduce run"], &["run/run.json", "`gains`", "again"]);
+    damaged("calibration/gray-card.json", &cut, &["reduce run"], &["gray-card.json", "line", "again"]);
+    let response = "responses/002_l1_m+0_a_positive.exr";
+    damaged(response, &cut, &["reduce run"], &[response, "again"]);
+    damaged(response, &|bytes| bytes.clear(), &["reduce run"], &[response, "again"]);
+    let other = fs::read(run.join("calibration/flat-field.exr")).unwrap();
+    damaged(response, &|bytes| *bytes = other.clone(), &["reduce run"], &[response, "`zonal_crop_u0_px`", "again"]);
+    refused(&desk, "convert run --out old.exr --order 200", &["--order 200", "choose a smaller one"]);
+}
+
+#[test]
+fn calibrations_of_another_rig_are_refused_before_a_folder_appears() {
+    let desk = desk_with_run();
+    replace(&desk.path().join("rig.toml"), "name = \"ghosh-2007-built\"", "name = \"mine\"");
+    for arguments in [
+        "measure rig.toml plan.toml --out new --simulate ggx-0.4 --calibration run/calibration",
+        "patterns rig.toml plan.toml --out new --calibration run/calibration",
+    ] {
+        refused(&desk, arguments, &["run/calibration/", "`ghosh-2007-built`", "`mine`", "calibrate this rig"]);
+    }
+}
+
+#[test]
+fn damaged_harmonics_are_refused() {
+    let desk = desk_with_run();
+    let whole = fs::read(desk.path().join("sh.exr")).unwrap();
+    let after = |name: &[u8]| whole.windows(name.len()).position(|w| w == name).unwrap() + name.len() + 4;
+    let window = after(b"dataWindow\0box2i\0");
+    let order = after(b"zonal_sh_order\0double\0");
+    let format = after(b"zonal_format\0double\0");
+    type Case<'a> = (&'a str, &'a dyn Fn(&mut Vec<u8>), &'a str);
+    let cases: [Case<'_>; 7] = [
+        ("truncated", &|bytes| bytes.truncate(whole.len() / 2), "again"),
+        ("cut in the header", &|bytes| bytes.truncate(100), "again"),
+        ("empty", &|bytes| bytes.clear(), "again"),
+        ("of absurd size", &|bytes| bytes[window + 8..window + 16].fill(0x3f), "again"),
+        ("of a newer format", &|bytes| bytes[format..format + 8].copy_from_slice(&2f64.to_le_bytes()), "update zonal"),
+        ("of absurd order", &|bytes| bytes[order..order + 8].copy_from_slice(&1e300f64.to_le_bytes()), "order"),
+        ("of another order", &|bytes| bytes[order..order + 8].copy_from_slice(&9f64.to_le_bytes()), "again"),
+    ];
+    for (what, change, remedy) in cases {
+        eprintln!("{what}");
+        fs::write(desk.path().join("bad.exr"), &whole).unwrap();
+        edit(&desk.path().join("bad.exr"), change);
+        refused(&desk, "render bad.exr --out old.png", &["bad.exr", remedy]);
+    }
+}
+
+/// A field of a tensor file.
+struct Field {
+    name: &'static str,
+    dtype: u8,
+    shape: Vec<u64>,
+    data: Vec<u8>,
+}
+
+fn floats(name: &'static str, shape: &[u64], value: impl Fn(u64) -> f32) -> Field {
+    let data = (0..shape.iter().product()).flat_map(|i| value(i).to_le_bytes()).collect();
+    Field { name, dtype: 10, shape: shape.to_vec(), data }
+}
+
+fn letters(name: &'static str, data: &[u8]) -> Field {
+    Field { name, dtype: 1, shape: vec![data.len() as u64], data: data.to_vec() }
+}
+
+/// The smallest RGL material: two polar angles, tables of 2 x 2.
+fn material_fields() -> Vec<Field> {
+    vec![
+        letters("description", b"test"),
+        letters("jacobian", &[0]),
+        floats("phi_i", &[1], |_| 0.0),
+        floats("theta_i", &[2], |i| i as f32),
+        floats("ndf", &[2, 2], |_| 1.0),
+        floats("sigma", &[2, 2], |_| 1.0),
+        floats("vndf", &[1, 2, 2, 2], |_| 1.0),
+        floats("rgb", &[1, 2, 3, 2, 2], |_| 0.2),
+    ]
+}
+
+fn tensor_file(fields: &[Field]) -> Vec<u8> {
+    let mut bytes = b"tensor_file\0\x01\0".to_vec();
+    bytes.extend((fields.len() as u32).to_le_bytes());
+    let header: usize = fields.iter().map(|f| 13 + f.name.len() + 8 * f.shape.len()).sum();
+    let mut offset = (bytes.len() + header) as u64;
+    for field in fields {
+        bytes.extend((field.name.len() as u16).to_le_bytes());
+        bytes.extend(field.name.as_bytes());
+        bytes.extend((field.shape.len() as u16).to_le_bytes());
+        bytes.push(field.dtype);
+        bytes.extend(offset.to_le_bytes());
+        field.shape.iter().for_each(|n| bytes.extend(n.to_le_bytes()));
+        offset += field.data.len() as u64;
+    }
+    fields.iter().for_each(|f| bytes.extend(&f.data));
+    bytes
+}
+
+/// `render` and `measure` refuse the material and name the place.
+fn refused_material(desk: &TempDir, material: &str, words: &[&str]) {
+    for command in ["render MATERIAL --out old.png", "measure rig.toml plan.toml --out new --simulate MATERIAL"] {
+        let words: Vec<&str> = [material].into_iter().chain(words.iter().copied()).collect();
+        refused(desk, &command.replace("MATERIAL", material), &words);
+    }
+}
+
+#[test]
+fn damaged_tensor_files_are_refused() {
+    let desk = desk();
+    let path = desk.path().join("bad.bsdf");
+    let whole = tensor_file(&material_fields());
+    fs::write(&path, &whole).unwrap();
+    json(&zonal(desk.path(), "render bad.bsdf --out new.png --size 8 --json"));
+
+    let changed = |name: &str, change: &dyn Fn(&mut Field)| {
+        let mut fields = material_fields();
+        change(fields.iter_mut().find(|f| f.name == name).unwrap());
+        tensor_file(&fields)
+    };
+    let many = [&whole[..14], &u32::MAX.to_le_bytes(), &whole[18..]].concat();
+    let cases: [(Vec<u8>, &[&str]); 9] = [
+        (vec![], &["byte 0", "get it again"]),
+        (whole[..16].to_vec(), &["byte 14", "get it again"]),
+        (whole[..100].to_vec(), &["byte", "get it again"]),
+        (whole[..whole.len() - 1].to_vec(), &["field `rgb`", "get it again"]),
+        (many, &["byte 14", "4294967295", "get it again"]),
+        (changed("rgb", &|f| f.shape[0] = u64::MAX), &["field `rgb`", "18446744073709551615", "get it again"]),
+        (changed("rgb", &|f| f.shape = vec![1 << 40, 1 << 40, 3, 2, 2]), &["field `rgb`", "get it again"]),
+        (
+            changed("vndf", &|f| f.data[4..8].copy_from_slice(&f32::NAN.to_le_bytes())),
+            &["`vndf`", "byte", "NaN", "again"],
+        ),
+        (changed("theta_i", &|f| f.data.reverse()), &["field `theta_i`", "ascending", "get it again"]),
+    ];
+    for (bytes, words) in cases {
+        fs::write(&path, bytes).unwrap();
+        refused_material(&desk, "bad.bsdf", words);
+    }
+    refused_material(&desk, "missing.bsdf", &["check that it exists"]);
+}
+
+#[test]
+fn damaged_tables_are_refused() {
+    const LENGTH: u64 = 12 + 3 * 90 * 90 * 180 * 8;
+    let desk = desk();
+    let path = desk.path().join("bad.binary");
+    // All but the header are zeros that take no room on the disk.
+    let table = |cells: [i32; 3], length: u64| {
+        let bytes: Vec<u8> = cells.iter().flat_map(|n| n.to_le_bytes()).collect();
+        fs::write(&path, &bytes[..bytes.len().min(length as usize)]).unwrap();
+        fs::OpenOptions::new().write(true).open(&path).unwrap().set_len(length).unwrap();
+    };
+    let cells = [90, 90, 180];
+    for (cells, length, words) in [
+        (cells, 0, &["byte 0", "get it again"][..]),
+        (cells, 11, &["byte 0", "11 bytes", "get it again"]),
+        (cells, LENGTH - 1, &["byte 12", "34991999", "get it again"]),
+        ([i32::MAX; 3], 100, &["[2147483647, 2147483647, 2147483647]", "get it again"]),
+        ([-1; 3], 100, &["[-1, -1, -1]", "get it again"]),
+    ] {
+        table(cells, length);
+        refused_material(&desk, "bad.binary", words);
+    }
+    table(cells, LENGTH);
+    edit(&path, |bytes| bytes[92..100].copy_from_slice(&f64::NAN.to_le_bytes()));
+    refused_material(&desk, "bad.binary", &["byte 92", "a finite number", "NaN", "get it again"]);
+    refused_material(&desk, "missing.binary", &["check that it exists"]);
+}
+
+#[test]
+fn the_literal_dual_is_refused_where_noise_exceeds_the_signal() {
+    let desk = desk_with_run();
+    let (order, grid) = (6, ExitantGrid::new(Zone::from_degrees(9.0, 57.0).unwrap(), 4, 6));
+    let values = vec![0.5; 49 * 3 * grid.len()];
+    let noisy = Coefficients { grid, order, sigma: vec![0.01; values.len()], values };
+    noisy.write(&desk.path().join("run/coefficients.exr")).unwrap();
+    let thesis = "convert run --out old.exr --method thesis";
+    refused(&desk, thesis, &["noise_gain_out = ", "noise_rel", "--method parity", "--force"]);
+    let forced = json(&zonal(desk.path(), &format!("{thesis} --force --json")));
+    assert!(forced["noise_gain_out"].as_f64().unwrap() > 100.0);
+    assert_ne!(fs::read(desk.path().join("old.exr")).unwrap(), b"old");
+    json(&zonal(desk.path(), "convert run --out sh.exr --json"));
+}
+
+#[test]
+fn every_command_prints_one_object() {
+    let desk = desk_with_run();
+    let print = |arguments: &str| json(&zonal(desk.path(), &format!("{arguments} --json")));
+    assert!(print("materials")["materials"].as_array().unwrap().len() > 100);
+    assert_keys(&print("plan rig.toml plan.toml"), &["order", "images", "frames", "rig_s", "rig_s_items"]);
+    assert_eq!(print("patterns rig.toml plan.toml --out frames")["images"], 8);
+    assert_eq!(fs::read_dir(desk.path().join("frames")).unwrap().count(), 12);
+    assert_eq!(print("calibrate flat-field rig.toml --out cal --simulate")["kind"], "flat-field");
+    assert_eq!(print("render sh.exr --out new.png --size 16 --beside ggx-0.4")["out"], "new.png");
+    const MEASURED: [&str; 10] = [
+        "order",
+        "images",
+        "frames",
+        "rig_s",
+        "rig_s_items",
+        "compute_s",
+        "post_s",
+        "zone_deg",
+        "noise_rel",
+        "saturated_fraction",
+    ];
+    let measured = json(&EXAMPLE.measured);
+    assert_keys(&measured, &MEASURED);
+    let reduced = print("reduce run");
+    assert_keys(&reduced, &MEASURED);
+    assert_eq!(reduced["noise_rel"], measured["noise_rel"]);
+    let converted = json(&EXAMPLE.converted);
+    assert_keys(&converted, &["method", "order", "condition", "noise_gain_in", "noise_gain_out"]);
+}
+
+fn assert_keys(object: &Map<String, Value>, keys: &[&str]) {
+    for key in keys {
+        assert!(object.contains_key(*key), "no `{key}` in {object:?}");
+    }
+}
+
+#[test]
+fn folders_with_spaces_and_other_letters_will_do() {
+    let desk = desk();
+    let out = "Proben über Ⅱ/Bild eins.png";
+    fs::create_dir(desk.path().join("Proben über Ⅱ")).unwrap();
+    let output =
+        Command::new(ZONAL).current_dir(desk.path()).args(["render", "ggx-0.4", "--size", "8", "--out", out]).output();
+    assert!(output.unwrap().status.success());
+    assert!(desk.path().join(out).is_file());
+}
