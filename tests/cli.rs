@@ -1,7 +1,9 @@
 //! The program from outside: bad input ends with status 2, says where and what helps, and leaves every file as it was.
 
 use std::collections::BTreeMap;
+use std::ffi::OsStr;
 use std::fs;
+use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::LazyLock;
@@ -300,6 +302,23 @@ fn a_run_that_breaks_off_says_so() {
 }
 
 #[test]
+fn a_run_that_saturates_says_so() {
+    let desk = desk_with_run();
+    replace(
+        &desk.path().join("plan.toml"),
+        "count = 2\nshortest_refreshes = 2",
+        "count = 1\nshortest_refreshes = 6000",
+    );
+    replace(&desk.path().join("plan.toml"), "order = 1", "order = 0");
+    let arguments = "measure rig.toml plan.toml --out new --simulate white --calibration run/calibration";
+    refused(&desk, arguments, &["plan.toml", "exposure.shortest_refreshes", "1..=600"]);
+    replace(&desk.path().join("plan.toml"), "6000", "600");
+    let output = zonal(desk.path(), arguments);
+    assert_refused(arguments, &output, &["no signal", "saturated", "exposures"]);
+    refused(&desk, "convert new --out old.exr", &["new/run.json", "`failed`", "measure again"]);
+}
+
+#[test]
 fn damaged_runs_are_refused() {
     let cut = |bytes: &mut Vec<u8>| bytes.truncate(bytes.len() / 2);
     let desk = desk_with_run();
@@ -570,4 +589,11 @@ fn folders_with_spaces_and_other_letters_will_do() {
         Command::new(ZONAL).current_dir(desk.path()).args(["render", "ggx-0.4", "--size", "8", "--out", out]).output();
     assert!(output.unwrap().status.success());
     assert!(desk.path().join(out).is_file());
+
+    // Names need not be Unicode; JSON must.
+    let odd = OsStr::from_bytes(b"odd\xff.png");
+    let arguments = ["render", "ggx-0.4", "--size", "8", "--json", "--out"];
+    let output = Command::new(ZONAL).current_dir(desk.path()).args(arguments).arg(odd).output().unwrap();
+    assert_eq!(json(&output)["out"], "odd\u{fffd}.png");
+    assert!(desk.path().join(odd).is_file());
 }

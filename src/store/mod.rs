@@ -82,17 +82,19 @@ pub fn create_dir(path: &Path) -> Result<(), StoreError> {
     fs::create_dir_all(path).map_err(|source| StoreError::Write { path: path.to_owned(), source })
 }
 
-/// Writes a file whole or not at all: to a temporary name beside it, flushed to the disk, then renamed.
+/// Writes a file whole or not at all: to a temporary name beside it, flushed to the disk, then renamed. A symbolic link
+/// stays, the file it leads to is replaced.
 ///
 /// # Errors
 /// [`StoreError::Write`]; the temporary file is removed and an older file of that name stays as it was.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<(), StoreError> {
-    let part = part(path);
+    let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    let part = part(&target);
     let attempt = || -> io::Result<()> {
         let mut file = fs::File::create(&part)?;
         file.write_all(bytes)?;
         file.sync_data()?;
-        fs::rename(&part, path)
+        fs::rename(&part, &target)
     };
     attempt().map_err(|source| {
         // Best effort: the first error is the one to report.
@@ -185,6 +187,19 @@ mod tests {
         fs::create_dir(&blocked).unwrap();
         assert!(write(&blocked, b"x").is_err());
         assert_eq!(read(&file).unwrap(), b"old");
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 2);
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn links_stay_links() {
+        let dir = tempfile::tempdir().unwrap();
+        let (file, link) = (dir.path().join("file"), dir.path().join("link"));
+        write(&file, b"old").unwrap();
+        std::os::unix::fs::symlink(&file, &link).unwrap();
+        write(&link, b"new").unwrap();
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+        assert_eq!(read(&file).unwrap(), b"new");
         assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 2);
     }
 

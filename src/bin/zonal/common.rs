@@ -104,6 +104,11 @@ pub fn makeable(path: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// A path for programs; letters that are no Unicode are replaced.
+pub fn said(path: &Path) -> String {
+    path.to_string_lossy().into_owned()
+}
+
 /// A request that cannot be met as it stands.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]

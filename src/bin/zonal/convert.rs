@@ -79,7 +79,7 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
         "noise_gain_in": conversion.noise_gain_in,
         "noise_gain_out": conversion.noise_gain_out,
         "noise_rel": coefficients.noise_rel(),
-        "out": out,
+        "out": common::said(&out),
     });
     Ok(Report { text, json })
 }

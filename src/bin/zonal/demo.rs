@@ -83,7 +83,7 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
         exr.display()
     );
     let json = serde_json::json!({
-        "page": html, "run": run, "sh": exr, "measure": record, "seconds": started.elapsed().as_secs_f64(),
+        "page": common::said(&html), "run": common::said(&run), "sh": common::said(&exr), "measure": record, "seconds": started.elapsed().as_secs_f64(),
         "error_in": page.accuracy[ORDER].error_in, "error_out": page.accuracy[ORDER].error_out,
     });
     Ok(Report { text, json })

@@ -76,6 +76,6 @@ pub fn report(record: &RunRecord, out: &std::path::Path) -> Report {
         out.display()
     );
     let mut json = serde_json::to_value(record).expect("plain data");
-    json["out"] = serde_json::json!(out);
+    json["out"] = common::said(out).into();
     Report { text, json }
 }

@@ -51,6 +51,6 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     })?;
     let text =
         format!("{} frames (PNG) and {} functions (EXR) in {}", plan.images(), size(plan.order), args.out.display());
-    let json = serde_json::json!({ "order": plan.order, "images": plan.images(), "out": args.out });
+    let json = serde_json::json!({ "order": plan.order, "images": plan.images(), "out": common::said(&args.out) });
     Ok(Report { text, json })
 }

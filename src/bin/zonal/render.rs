@@ -79,6 +79,6 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     if let Some(difference) = difference {
         text += &format!("; RMS difference {:.1}% of the second sphere", 100.0 * difference);
     }
-    let json = serde_json::json!({ "out": out, "rms_difference": difference });
+    let json = serde_json::json!({ "out": common::said(&out), "rms_difference": difference });
     Ok(Report { text, json })
 }
