@@ -533,7 +533,7 @@ fn the_literal_dual_is_refused_where_noise_exceeds_the_signal() {
     let desk = desk_with_run();
     let (order, grid) = (6, ExitantGrid::new(Zone::from_degrees(9.0, 57.0).unwrap(), 4, 6));
     let values = vec![0.5; 49 * 3 * grid.len()];
-    let noisy = Coefficients { grid, order, sigma: vec![0.01; values.len()], values };
+    let noisy = Coefficients { grid, order, sigma: vec![0.01; values.len()], values, history: String::new() };
     noisy.write(&desk.path().join("run/coefficients.exr")).unwrap();
     let thesis = "convert run --out old.exr --method thesis";
     refused(&desk, thesis, &["noise_gain_out = ", "noise_rel", "--method parity", "--force"]);

@@ -191,7 +191,8 @@ pub fn gray_card(
     let grid = ExitantGrid::new(rig.zone(), plan.exitant.rings, plan.exitant.sectors);
     let cells = CellMap::new(rig, Crop::of_zone(rig), grid)?;
     let gains = pairs.iter().map(|p| p.gain).collect();
-    let mut reducer = Reducer::new(cells, plan.order, gains, ChannelScale::unit());
+    let mut reducer =
+        Reducer::new(cells, plan.order, gains, ChannelScale::unit(), format!("gray card; rig {}", rig.name));
     Engine::new(rig, bench).run(plan, &patterns, None, progress, |lobe, image| reducer.add(lobe, &image))?;
     let raw = reducer.finish()?;
     let want = gray_card_coefficients(rig.zone(), plan.order, GRAY_CARD_ALBEDO)[0];

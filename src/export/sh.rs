@@ -26,6 +26,8 @@ pub struct ShMaterial {
     pub values: Vec<f32>,
     /// Standard errors, indexed alike.
     pub sigma: Vec<f32>,
+    /// What was measured, with what: see [`Coefficients::history`].
+    pub history: String,
     harmonics: Harmonics,
 }
 
@@ -57,7 +59,15 @@ impl ShMaterial {
                 sigma[k * 3 * n + i] = variance[k].sqrt() as f32;
             }
         }
-        Self { grid, method: conversion.method.name().into(), zonal_order: conversion.order, values, sigma, harmonics }
+        Self {
+            grid,
+            method: conversion.method.name().into(),
+            zonal_order: conversion.order,
+            values,
+            sigma,
+            history: coefficients.history.clone(),
+            harmonics,
+        }
     }
 
     /// Order of the SH.
@@ -116,6 +126,7 @@ impl ShMaterial {
             "zonal_interpolation",
             "bilinear in theta_o and phi_o; theta_o clamped to the centres of the first and last row, phi_o wraps",
         );
+        image.attribute("zonal_history", self.history.as_str());
         image.attribute("zonal_method", self.method.as_str());
         image.attribute("zonal_order", self.zonal_order as f64);
         image.attribute("zonal_sh_order", self.order() as f64);
@@ -148,6 +159,7 @@ impl ShMaterial {
         Ok(Self {
             grid: ExitantGrid::new(zone, image.height, image.width),
             method: image.text("zonal_method").unwrap_or_default().into(),
+            history: image.text("zonal_history").unwrap_or_default().into(),
             zonal_order: number("zonal_order")? as usize,
             values,
             sigma,
@@ -195,7 +207,8 @@ mod tests {
         let order = 2;
         let z = gray_card_coefficients(zone, order, 0.18);
         let values: Vec<f32> = z.iter().flat_map(|&z| vec![z as f32; 3 * grid.len()]).collect();
-        let coefficients = Coefficients { grid, order, sigma: vec![1e-4; values.len()], values };
+        let coefficients =
+            Coefficients { grid, order, sigma: vec![1e-4; values.len()], values, history: String::new() };
         let conversion = Conversion::new(Method::Parity, zone, order).unwrap();
         let material = ShMaterial::new(&coefficients, &conversion);
         let dir = tempfile::tempdir().unwrap();

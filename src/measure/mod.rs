@@ -58,6 +58,14 @@ pub struct Provenance {
     pub simulation: Option<serde_json::Value>,
 }
 
+impl Provenance {
+    /// One line for the headers of files: sample, rig, plan and the simulated rig with its seed.
+    fn history(&self, rig: &Rig, plan: &Plan) -> String {
+        let simulation = self.simulation.as_ref().map_or_else(String::new, |s| format!("; simulated rig {s}"));
+        format!("sample {}; rig {}; plan {}{simulation}", self.sample, rig.name, plan.name)
+    }
+}
+
 /// `run.json`: the record of a run. Times in seconds, angles in degrees.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RunRecord {
@@ -147,7 +155,7 @@ pub fn measure(
     let timing = Timing::of(rig);
     let pairs = lobe_pairs(rig, plan, calibration)?;
     let gains: Vec<f64> = pairs.iter().map(|p| p.gain).collect();
-    let reducer = reducer(rig, plan, &gains, &calibration.scale)?;
+    let reducer = reducer(rig, plan, &gains, &calibration.scale, &provenance)?;
     let items = plan.rig_time(&timing);
     let mut record = RunRecord {
         format: RUN_FORMAT,
@@ -204,7 +212,7 @@ pub fn reduce_run(run: &Path, calibration: Option<&Path>) -> Result<(Coefficient
         let reason = format!("`gains` are not {} divisors, as the plan asks for: measure again", size(plan.order));
         return Err(StoreError::invalid(&folder.file("run.json"), reason).into());
     }
-    let mut reducer = reducer(&rig, &plan, &record.gains, &scale)?;
+    let mut reducer = reducer(&rig, &plan, &record.gains, &scale, &record.provenance)?;
     let crop = Crop::of_zone(&rig);
     for lobe in plan.lobes() {
         let path = folder.response_path(&lobe);
@@ -267,10 +275,16 @@ fn capture(
     Ok(Captured { reducer, first_response, last_frame })
 }
 
-fn reducer(rig: &Rig, plan: &Plan, gains: &[f64], scale: &ChannelScale) -> Result<Reducer, ReduceError> {
+fn reducer(
+    rig: &Rig,
+    plan: &Plan,
+    gains: &[f64],
+    scale: &ChannelScale,
+    provenance: &Provenance,
+) -> Result<Reducer, ReduceError> {
     let grid = ExitantGrid::new(rig.zone(), plan.exitant.rings, plan.exitant.sectors);
     let cells = CellMap::new(rig, Crop::of_zone(rig), grid)?;
-    Ok(Reducer::new(cells, plan.order, gains.to_vec(), scale.clone()))
+    Ok(Reducer::new(cells, plan.order, gains.to_vec(), scale.clone(), provenance.history(rig, plan)))
 }
 
 fn finish(

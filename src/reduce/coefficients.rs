@@ -20,6 +20,8 @@ pub struct Coefficients {
     pub values: Vec<f32>,
     /// Standard errors, indexed alike. Neighbouring cells are correlated by at most 10%.
     pub sigma: Vec<f32>,
+    /// What was measured, with what: sample, rig, plan, seed; kept in every file made from this.
+    pub history: String,
 }
 
 impl Coefficients {
@@ -47,7 +49,13 @@ impl Coefficients {
     pub fn truncated(&self, order: usize) -> Self {
         let order = order.min(self.order);
         let n = size(order) * 3 * self.grid.len();
-        Self { grid: self.grid, order, values: self.values[..n].to_vec(), sigma: self.sigma[..n].to_vec() }
+        Self {
+            grid: self.grid,
+            order,
+            values: self.values[..n].to_vec(),
+            sigma: self.sigma[..n].to_vec(),
+            history: self.history.clone(),
+        }
     }
 
     /// RMS of the standard errors over RMS of z_00, both over directions and channels; NaN cells left out.
@@ -72,6 +80,7 @@ impl Coefficients {
         image.attribute("zonal_content", "zonal coefficients z_k(wo) of f_cos = f cos(theta_i), and standard errors");
         image.attribute("zonal_units", "1/sqrt(sr), linear camera RGB");
         image.attribute("zonal_convention", CONVENTION);
+        image.attribute("zonal_history", self.history.as_str());
         image.attribute("zonal_order", self.order as f64);
         image.attribute("zonal_theta_min_deg", self.grid.zone().theta_min().to_degrees());
         image.attribute("zonal_theta_max_deg", self.grid.zone().theta_max().to_degrees());
@@ -102,7 +111,8 @@ impl Coefficients {
                 }
             }
         }
-        Ok(Self { grid, order, values, sigma })
+        let history = image.text("zonal_history").unwrap_or_default().into();
+        Ok(Self { grid, order, values, sigma, history })
     }
 }
 
@@ -129,12 +139,12 @@ mod tests {
         let grid = ExitantGrid::new(Zone::from_degrees(9.0, 57.0).unwrap(), 3, 4);
         let n = 4 * 3 * grid.len();
         let values: Vec<f32> = (0..n).map(|i| i as f32 * 0.25 - 3.0).collect();
-        let c = Coefficients { grid, order: 1, values, sigma: vec![0.5; n] };
+        let c = Coefficients { grid, order: 1, values, sigma: vec![0.5; n], history: "a test".into() };
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("coefficients.exr");
         c.write(&path).unwrap();
         let back = Coefficients::read(&path).unwrap();
-        assert_eq!((&back.values, &back.sigma, back.order), (&c.values, &c.sigma, 1));
+        assert_eq!((&back.values, &back.sigma, back.order, &back.history), (&c.values, &c.sigma, 1, &c.history));
         assert_eq!(back.truncated(0).values.len(), 3 * grid.len());
         assert_eq!(back.spectrum(1, 5)[2], f64::from(c.plane(2, 1)[5]));
     }

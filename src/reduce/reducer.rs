@@ -43,11 +43,12 @@ pub struct Reducer {
     lobes: usize,
     saturated: usize,
     pixels: usize,
+    history: String,
 }
 
 impl Reducer {
-    /// A reducer for (order+1)^2 pairs of lobes.
-    pub fn new(cells: CellMap, order: usize, gains: Vec<f64>, scale: ChannelScale) -> Self {
+    /// A reducer for (order+1)^2 pairs of lobes; `history` goes into the coefficients.
+    pub fn new(cells: CellMap, order: usize, gains: Vec<f64>, scale: ChannelScale, history: String) -> Self {
         assert_eq!(gains.len(), size(order), "one gain for each function");
         let n = size(order) * 3 * cells.grid().len();
         Self {
@@ -61,6 +62,7 @@ impl Reducer {
             lobes: 0,
             saturated: 0,
             pixels: 0,
+            history,
         }
     }
 
@@ -103,8 +105,13 @@ impl Reducer {
             return Err(ReduceError::Incomplete { found: self.lobes, expected });
         }
         let saturated_percent = 100.0 * self.saturated_fraction();
-        let coefficients =
-            Coefficients { grid: self.cells.grid(), order: self.order, values: self.values, sigma: self.sigma };
+        let coefficients = Coefficients {
+            grid: self.cells.grid(),
+            order: self.order,
+            values: self.values,
+            sigma: self.sigma,
+            history: self.history,
+        };
         if !coefficients.noise_rel().is_finite() {
             return Err(ReduceError::NoSignal { saturated_percent });
         }
