@@ -5,9 +5,10 @@ mod common;
 
 use std::sync::{Arc, LazyLock};
 
-use zonal::calibrate::{CalibrationSet, GRAY_CARD_ALBEDO, GrayCardCheck};
+use zonal::calibrate::{CalibrationSet, GRAY_CARD_ALBEDO, GrayCardCheck, gray_card_coefficients};
 use zonal::optics::{Mosaic, Rig};
 use zonal::patterns::Plan;
+use zonal::reduce::Coefficients;
 use zonal::reflectance::{Brdf, Lambert, open};
 use zonal::twin::TwinConfig;
 
@@ -39,7 +40,24 @@ fn gray_card_of_order_2_matches_its_analytic_values() {
         eprintln!("noise {:.2}% of DC: {check:?}", 100.0 * measured.record.noise_rel);
         assert!(check.worst_error < tolerance, "{check:?}");
         assert_eq!(measured.record.saturated_fraction, 0.0);
+        if !again.noise {
+            assert_single_directions(&measured.coefficients);
+        }
     }
+}
+
+/// Of z_00, without noise, over single directions: cells of a handful of pixels feel the projector's pixels and codes.
+const GRAY_CARD_RMS: f64 = 1.5e-3;
+const GRAY_CARD_WORST_DIRECTION: f64 = 5e-3;
+
+fn assert_single_directions(measured: &Coefficients) {
+    let want = gray_card_coefficients(measured.grid.zone(), measured.order, GRAY_CARD_ALBEDO);
+    let n = 3 * measured.grid.len();
+    let errors = measured.values.iter().enumerate().map(|(i, &z)| (f64::from(z) - want[i / n]).abs() / want[0]);
+    let rms = (errors.clone().map(|e| e * e).sum::<f64>() / measured.values.len() as f64).sqrt();
+    let worst = errors.fold(0.0, f64::max);
+    eprintln!("single directions: RMS {:.3}%, worst {:.3}% of z_00", 100.0 * rms, 100.0 * worst);
+    assert!(rms < GRAY_CARD_RMS && worst < GRAY_CARD_WORST_DIRECTION, "{rms} {worst}");
 }
 
 /// Standard errors are true: deviations of the gray card from its mean spread as they say, here within 5%.

@@ -39,7 +39,7 @@ fn scene() -> Scene {
 }
 
 fn change_when_doubled(scene: &Scene, brdf: &dyn Brdf) -> f64 {
-    let field = |accuracy| ResponseField::new(brdf, &scene.light, &scene.inverse, scene.dome, ORDER, &accuracy);
+    let field = |accuracy| ResponseField::new(brdf, &scene.light, &scene.inverse, scene.dome, &accuracy);
     let (usual, doubled) = (field(Accuracy::default()), field(Accuracy::doubled()));
     let (mut difference, mut dc) = (0.0, 0.0);
     for i in 0..300 {

@@ -70,7 +70,7 @@ pub enum ConversionError {
     /// The noise would swamp the reconstruction outside the zone.
     #[error(
         "method `{method}` at order {order} has noise_gain_out = {noise_gain_out:.3e}: with noise_rel = {noise_rel:.2e} the \
-         noise outside the zone exceeds the signal; use `--method parity`, or `--force` to convert all the same"
+         noise outside the zone exceeds the signal; {remedy}, or `--force` to convert all the same"
     )]
     Unstable {
         /// The refused method.
@@ -81,6 +81,8 @@ pub enum ConversionError {
         noise_gain_out: f64,
         /// RMS sigma / RMS DC of the measurement.
         noise_rel: f64,
+        /// What to do instead.
+        remedy: &'static str,
     },
 }
 
@@ -155,6 +157,10 @@ impl Conversion {
             order: self.order,
             noise_gain_out: self.noise_gain_out,
             noise_rel,
+            remedy: match self.method {
+                Method::Parity => "use a lower `--order`",
+                Method::Thesis | Method::Truncated => "use `--method parity`",
+            },
         })
     }
 

@@ -34,6 +34,11 @@ pub enum CalibrateError {
         "the flat field is not positive everywhere in the zone: is the screen in front of the mirrors and lit evenly?"
     )]
     DarkFlatField,
+    /// The gray card gives no scale.
+    #[error(
+        "the gray card answers with no light in some ring or channel: is it in the sample's place, and the lamp on?"
+    )]
+    DarkGrayCard,
     /// A calibration belongs to another rig.
     #[error("{path} was made for the rig `{found}`, this is `{expected}`: calibrate this rig")]
     OtherRig {

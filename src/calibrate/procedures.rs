@@ -83,7 +83,15 @@ pub fn flat_field(rig: &Rig, bench: &mut dyn Bench) -> Result<FlatField, Calibra
             cell.1 += 1.0;
         }
     }
-    let values = smooth(&sums, width, height, FLAT_FIELD_SMOOTHING_PX);
+    let mut values = smooth(&sums, width, height, FLAT_FIELD_SMOOTHING_PX);
+    let zone = rig.projector_map().bounding_box(&rig.zone(), width, height);
+    let [u0, v0, u1, v1] = zone.expect("a checked rig shows its zone");
+    if (v0..v1).any(|v| values[v * width + u0..v * width + u1].iter().any(|x| !(*x > 0.0 && x.is_finite()))) {
+        return Err(CalibrateError::DarkFlatField);
+    }
+    // A projector may reach beyond the camera's field: what neither sees of the zone does not matter.
+    let brightest = values.iter().copied().filter(|x| x.is_finite()).fold(0.0, f32::max);
+    values.iter_mut().filter(|x| !(**x > 0.0 && x.is_finite())).for_each(|x| *x = brightest);
     FlatField::from_light(width, height, values).ok_or(CalibrateError::DarkFlatField)
 }
 
@@ -197,6 +205,10 @@ pub fn gray_card(
     let raw = reducer.finish()?;
     let want = gray_card_coefficients(rig.zone(), plan.order, GRAY_CARD_ALBEDO)[0];
     let scale = ChannelScale { coefficients: [0, 1, 2].map(|c| scale_curve(&raw, c, want)) };
+    let positive = |ring: usize| (0..3).all(|c| scale.at(&grid.zone(), grid.theta(ring), c) > 0.0);
+    if !(0..grid.rings()).all(positive) {
+        return Err(CalibrateError::DarkGrayCard);
+    }
     let mut check = GrayCardCheck::new(&rescaled(&raw, &scale), GRAY_CARD_ALBEDO);
     let middle = (rig.zone().theta_min() + rig.zone().theta_max()) / 2.0;
     let at = |c: usize| scale.at(&rig.zone(), middle, c);

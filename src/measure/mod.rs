@@ -207,12 +207,12 @@ pub fn reduce_run(run: &Path, calibration: Option<&Path>) -> Result<(Coefficient
     let rig = Rig::from_toml(&store::read_text(&folder.file("rig.toml"))?)?;
     let plan = Plan::from_toml(&store::read_text(&folder.file("plan.toml"))?)?;
     let own = folder.file("calibration");
-    let scale = CalibrationSet::read(calibration.unwrap_or(&own), &rig)?.scale;
+    let set = CalibrationSet::read(calibration.unwrap_or(&own), &rig)?;
     if record.gains.len() != size(plan.order) || record.gains.contains(&0.0) {
         let reason = format!("`gains` are not {} divisors, as the plan asks for: measure again", size(plan.order));
         return Err(StoreError::invalid(&folder.file("run.json"), reason).into());
     }
-    let mut reducer = reducer(&rig, &plan, &record.gains, &scale, &record.provenance)?;
+    let mut reducer = reducer(&rig, &plan, &record.gains, &set.scale, &record.provenance)?;
     let crop = Crop::of_zone(&rig);
     for lobe in plan.lobes() {
         let path = folder.response_path(&lobe);
@@ -226,10 +226,11 @@ pub fn reduce_run(run: &Path, calibration: Option<&Path>) -> Result<(Coefficient
     let coefficients = reducer.finish()?;
     record.noise_rel = coefficients.noise_rel();
     record.post_s = started.elapsed().as_secs_f64();
-    if let Some(calibration) = calibration {
-        CalibrationSet::read(calibration, &rig)?.write(&own, &rig)?;
-    }
     coefficients.write(&folder.file("coefficients.exr"))?;
+    if calibration.is_some() {
+        // Response and flat field stay: the frames were encoded with the run's own.
+        CalibrationSet::write_gray_card(&set.scale, &set.check, &own, &rig)?;
+    }
     store::write_json(&folder.file("run.json"), &record)?;
     Ok((coefficients, record))
 }

@@ -330,6 +330,8 @@ impl Rig {
             top,
             "above black, at most 2^bits - 1",
         )?;
+        let full = c.black_level_dn + c.gain_dn_per_e * c.full_well_e;
+        within("camera.full_well_e (in DN)", full, c.linear_limit_dn, 1e12, "at least camera.linear_limit_dn")?;
         for (key, value) in [
             ("camera.width_px", c.width_px),
             ("camera.height_px", c.height_px),

@@ -187,8 +187,13 @@ fn cell(grid: &ExitantGrid, around: &[Pixel], ring: usize, sector: usize, window
     let solution = moments.try_inverse()? * Vector3::x();
     let pixels: Vec<(u32, f64)> = inside.iter().map(|(p, x)| (p.index, solution.dot(x))).collect();
     let noise: f64 = pixels.iter().map(|(_, w)| w * w).sum();
+    // A nearly singular inverse gives weights that reproduce nothing.
+    let reproduced: Vector3<f64> = inside.iter().zip(&pixels).map(|((_, x), (_, w))| x * *w).sum();
     // Written so that NaN fails.
-    if !(noise <= WORST_NOISE && noise * inside.len() as f64 <= WORST_LOPSIDEDNESS) {
+    if !(noise <= WORST_NOISE
+        && noise * inside.len() as f64 <= WORST_LOPSIDEDNESS
+        && (reproduced - Vector3::x()).amax() <= 1e-9)
+    {
         return None;
     }
     let second = |axis: usize| {
@@ -237,6 +242,20 @@ mod tests {
         // Order 4 in phi over 64 sectors: a plain mean would err by 0.6%.
         assert!(worst < 4e-3, "{worst}");
         assert!(got.variance.iter().all(|&v| v > 0.0 && v < 1.0));
+    }
+
+    /// Whatever the grid, a constant stays a constant or the grid is refused.
+    #[test]
+    fn no_grid_gives_silent_gaps() {
+        let rig = rig();
+        let crop = Crop::of_zone(&rig);
+        let image = ResponseImage { crop, rate: vec![5.0; crop.len()], variance: vec![1.0; crop.len()] };
+        for rings in (33..=60).step_by(3).chain([50]) {
+            match CellMap::new(&rig, crop, ExitantGrid::new(rig.zone(), rings, 64)) {
+                Ok(cells) => assert!(cells.apply(&image).rate.iter().all(|r| (r - 5.0).abs() < 1e-6), "{rings} rings"),
+                Err(e) => assert!(matches!(e, ReduceError::EmptyCell { .. })),
+            }
+        }
     }
 
     #[test]

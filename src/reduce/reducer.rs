@@ -37,7 +37,10 @@ pub struct Reducer {
     /// Divisor of each lobe difference: [`crate::patterns::LobePair::gain`].
     gains: Vec<f64>,
     scale: ChannelScale,
-    positive: Option<CellResponse>,
+    /// A positive lobe that waits for its negative: index and response.
+    positive: Option<(usize, CellResponse)>,
+    /// Pairs whose two lobes came one after the other.
+    pairs: usize,
     values: Vec<f32>,
     sigma: Vec<f32>,
     lobes: usize,
@@ -57,6 +60,7 @@ impl Reducer {
             gains,
             scale,
             positive: None,
+            pairs: 0,
             values: vec![f32::NAN; n],
             sigma: vec![f32::NAN; n],
             lobes: 0,
@@ -73,9 +77,13 @@ impl Reducer {
         self.pixels += response.crop.len();
         let response = self.cells.apply(response);
         match (lobe.sign, self.positive.take()) {
-            (Sign::Positive, _) => self.positive = Some(response),
-            (Sign::Negative, Some(positive)) => self.difference(lobe.k, &positive, &response),
-            (Sign::Negative, None) => {}
+            (Sign::Positive, _) => self.positive = Some((lobe.k, response)),
+            (Sign::Negative, Some((k, positive))) if k == lobe.k => {
+                self.pairs += 1;
+                self.difference(k, &positive, &response);
+            }
+            // Counted as missing at the end.
+            (Sign::Negative, _) => {}
         }
     }
 
@@ -101,8 +109,8 @@ impl Reducer {
     /// [`ReduceError::Incomplete`] if a lobe is missing, [`ReduceError::NoSignal`] if all is dark or saturated.
     pub fn finish(self) -> Result<Coefficients, ReduceError> {
         let expected = 2 * size(self.order);
-        if self.lobes != expected {
-            return Err(ReduceError::Incomplete { found: self.lobes, expected });
+        if self.lobes != expected || 2 * self.pairs != expected {
+            return Err(ReduceError::Incomplete { found: 2 * self.pairs, expected });
         }
         let saturated_percent = 100.0 * self.saturated_fraction();
         let coefficients = Coefficients {

@@ -9,7 +9,7 @@
 //! | [`Merl`] | half-angle tables, `.binary` files | Matusik 2003 |
 //! | [`NeuralBrdf`] | small networks fitted to MERL materials | Sztrajman 2021 |
 //!
-//! [`open`] finds any of them by a name or a path. Evaluation is pure; only the functions called `read` and [`open`]
+//! [`open`] finds all but the networks by a name or a path. Evaluation is pure; only the functions called `read` and [`open`]
 //! touch files. Files are untrusted: whatever is in them, a reader answers with a table or a [`ReadError`].
 //!
 //! ```

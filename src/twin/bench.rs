@@ -10,7 +10,6 @@ use rayon::prelude::*;
 use super::forward::{Accuracy, PatternLight, ResponseField};
 use super::geometry::InverseMap;
 use super::{PerturbedDevice, TwinConfig};
-use crate::basis::size;
 use crate::calibrate::GRAY_CARD_ALBEDO;
 use crate::capture::{Bench, Camera, CaptureError, Frame, Placement, Projector};
 use crate::geometry::{Direction, Sample, Zone};
@@ -174,10 +173,8 @@ impl TwinBench {
             Placement::GrayCard => Arc::new(Lambert { albedo: [GRAY_CARD_ALBEDO; 3] }),
             _ => self.sample.clone(),
         };
-        // Patterns of order L come as 2 (L+1)^2 frames: the finest azimuthal period follows from their number.
-        let order = (0..50).find(|&l| 2 * size(l) >= self.sequence.len()).unwrap_or(50);
         let light = self.pattern_light();
-        let field = ResponseField::new(brdf.as_ref(), &light, &self.inverse, self.dome, order, &self.accuracy);
+        let field = ResponseField::new(brdf.as_ref(), &light, &self.inverse, self.dome, &self.accuracy);
         let lamp = self.lamp_e_s() / (PIXEL_SAMPLES * PIXEL_SAMPLES) as f64;
         let width = self.rig.camera.width_px;
         let patterns = self.sequence.len();

@@ -16,8 +16,8 @@ pub struct Accuracy {
     pub dome_nodes: usize,
     /// Nodes about the mirror direction: a Fibonacci number.
     pub lobe_nodes: usize,
-    /// Exitant sectors per azimuthal period of the highest order.
-    pub sectors_per_order: usize,
+    /// Exitant sectors: 16 for each period of the finest azimuthal change of a pattern keep it to 0.05%.
+    pub sectors: usize,
     /// Rings per half width of the lobe.
     pub rings_per_lobe: f64,
 }
@@ -25,14 +25,14 @@ pub struct Accuracy {
 impl Default for Accuracy {
     /// Converged to 0.1% of DC on measured materials.
     fn default() -> Self {
-        Self { dome_nodes: 4181, lobe_nodes: 2584, sectors_per_order: 16, rings_per_lobe: 2.0 }
+        Self { dome_nodes: 4181, lobe_nodes: 2584, sectors: 96, rings_per_lobe: 2.0 }
     }
 }
 
 impl Accuracy {
     /// About twice the nodes in everything: what convergence is tested against.
     pub fn doubled() -> Self {
-        Self { dome_nodes: 10946, lobe_nodes: 6765, sectors_per_order: 32, rings_per_lobe: 4.0 }
+        Self { dome_nodes: 10946, lobe_nodes: 6765, sectors: 192, rings_per_lobe: 4.0 }
     }
 }
 
@@ -156,23 +156,15 @@ impl ResponseField {
     ///
     /// The quadrature is a partition of one: a lattice over the dome for what is smooth, and a lattice in logarithmic
     /// polar coordinates about the mirror direction for the lobe. Isotropic materials are evaluated once per ring.
-    pub fn new(
-        brdf: &dyn Brdf,
-        light: &PatternLight,
-        inverse: &InverseMap,
-        dome: Zone,
-        order: usize,
-        accuracy: &Accuracy,
-    ) -> Self {
+    pub fn new(brdf: &dyn Brdf, light: &PatternLight, inverse: &InverseMap, dome: Zone, accuracy: &Accuracy) -> Self {
         let width = lobe_width(brdf);
         let coarse = 3f64.to_radians() / accuracy.rings_per_lobe;
         let fine = (width / accuracy.rings_per_lobe).clamp(0.1f64.to_radians(), coarse);
-        let sectors = accuracy.sectors_per_order * order.max(4);
         let wider = widened(&dome);
         let blend = Blend { radius: (6.0 * width).clamp(8f64.to_radians(), 25f64.to_radians()) };
         let lobe = LobeLattice { nodes: accuracy.lobe_nodes, core: 0.3 * width, blend };
-        let smooth = Grid::new(&dome, coarse, sectors, light.patterns);
-        let sharp = Grid::new(&dome, fine, sectors, light.patterns);
+        let smooth = Grid::new(&dome, coarse, accuracy.sectors, light.patterns);
+        let sharp = Grid::new(&dome, fine, accuracy.sectors, light.patterns);
         let parts = [
             smooth.fill(brdf, &light.coarsened(), inverse, |wo| dome_lattice(&wider, accuracy.dome_nodes, wo, blend)),
             sharp.fill(brdf, light, inverse, |wo| lobe.nodes(&dome, wo)),

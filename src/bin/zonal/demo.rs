@@ -66,6 +66,7 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     let mut bar = common::frames_bar("orders 0-6");
     let longer = measure(&rig, &Plan::of_order(CHART_ORDER), &mut bench, &calibration, provenance, None, &mut bar)?;
 
+    let errors = ZoneErrors::new(&sh, truth.as_ref(), rig.zone());
     let page = Results { args, rig, plan, config, calibration, measured, longer, truth, sh }.page()?;
     let html = args.out.join("index.html");
     store::write(&html, page.to_html().as_bytes())?;
@@ -76,15 +77,15 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
         record.frames,
         record.rig_s,
         started.elapsed().as_secs_f64(),
-        100.0 * page.accuracy[ORDER].error_in,
-        100.0 * page.accuracy[ORDER].error_out,
+        100.0 * errors.inside,
+        100.0 * errors.outside,
         html.display(),
         run.display(),
         exr.display()
     );
     let json = serde_json::json!({
         "page": common::said(&html), "run": common::said(&run), "sh": common::said(&exr), "measure": record, "seconds": started.elapsed().as_secs_f64(),
-        "error_in": page.accuracy[ORDER].error_in, "error_out": page.accuracy[ORDER].error_out,
+        "error_in": errors.inside, "error_out": errors.outside,
     });
     Ok(Report { text, json })
 }
