@@ -307,7 +307,8 @@ mod tests {
                 let got = gram_condition(zone, order, parity).unwrap();
                 match values.get(i) {
                     Some(want) => assert!((got / want - 1.0).abs() < TABLE, "{order} {parity}: {got:e} not {want:e}"),
-                    None => assert!(got > 1e15, "{order}: {got:e}"),
+                    // The table's bounds: beyond 1e16 on the built zone, beyond 1e15 on the full one.
+                    None => assert!(got > if zone == built() { 1e16 } else { 1e15 }, "{order}: {got:e}"),
                 }
             }
         }
