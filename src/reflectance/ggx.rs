@@ -3,36 +3,66 @@
 use std::f64::consts::{FRAC_1_PI, PI};
 
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 
 use super::Brdf;
 use super::half::half_vector;
 use crate::geometry::{Direction, Sample};
 
-/// f = kd / pi + ks D F G2 / (4 cos(theta_i) cos(theta_o)).
+/// f = kd / pi + sum over lobes of D F G2 / (4 cos(theta_i) cos(theta_o)).
 ///
-/// D is the GGX distribution (Walter et al. 2007), G2 the height-correlated Smith term (Heitz 2014), F Schlick's Fresnel
-/// term. Reciprocal. Values outside the ranges given are not checked: the result is then no reflectance.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// D is the GGX distribution (Walter et al. 2007), G2 the height-correlated Smith term (Heitz 2014), F = f0 + (f90 - f0)
+/// (1 - cos(theta_d))^5 (Schlick 1994). Reciprocal. Values outside the ranges given are not checked: the result is then
+/// no reflectance.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Ggx {
-    /// Roughness along +x (the grain) and along +y, each in (0, 1]; equal for an isotropic surface.
-    pub alpha: [f64; 2],
-    /// Reflectance of a microfacet at normal incidence, linear RGB, 0..=1.
-    pub f0: [f64; 3],
-    /// Weight of the microfacets, 0..=1.
-    pub ks: f64,
     /// Albedo of the Lambert part, linear RGB, 0..=1.
     pub kd: [f64; 3],
+    /// Kinds of microfacets, side by side.
+    pub lobes: Vec<GgxLobe>,
+}
+
+/// Microfacets of one roughness.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GgxLobe {
+    /// Roughness along +x (the grain) and along +y, each in (0, 1]; equal for an isotropic surface.
+    pub alpha: [f64; 2],
+    /// Reflectance of a microfacet at normal incidence times the share of the surface, linear RGB, 0..=1.
+    pub f0: [f64; 3],
+    /// The same at grazing incidence.
+    pub f90: [f64; 3],
 }
 
 impl Ggx {
-    /// A surface of microfacets alone (`ks` 1, `kd` 0) with one roughness.
+    /// A surface of microfacets alone, white at grazing incidence, with one roughness.
     pub fn isotropic(alpha: f64, f0: [f64; 3]) -> Self {
         Self::anisotropic(alpha, alpha, f0)
     }
 
-    /// A surface of microfacets alone (`ks` 1, `kd` 0) with its own roughness along and across the grain.
+    /// A surface of microfacets alone, white at grazing incidence, with its own roughness along and across the grain.
     pub fn anisotropic(alpha_x: f64, alpha_y: f64, f0: [f64; 3]) -> Self {
-        Self { alpha: [alpha_x, alpha_y], f0, ks: 1.0, kd: [0.0; 3] }
+        Self { kd: [0.0; 3], lobes: vec![GgxLobe { alpha: [alpha_x, alpha_y], f0, f90: [1.0; 3] }] }
+    }
+
+    /// The lobes scaled by `ks` on a Lambert part of albedo `kd`.
+    pub fn on_lambert(mut self, ks: f64, kd: [f64; 3]) -> Self {
+        for lobe in &mut self.lobes {
+            lobe.f0 = lobe.f0.map(|f| ks * f);
+            lobe.f90 = lobe.f90.map(|f| ks * f);
+        }
+        self.kd = kd;
+        self
+    }
+}
+
+impl GgxLobe {
+    /// D G2 / (4 cos(theta_i) cos(theta_o)): the lobe for F = 1.
+    fn shape(&self, h: &Vector3<f64>, wi: &Vector3<f64>, wo: &Vector3<f64>) -> f64 {
+        // G2 / (4 cos_i cos_o) without the division by the cosines.
+        let visibility = 0.5 / (wo.z * self.stretched(wi) + wi.z * self.stretched(wo));
+        gtr2(self.alpha, h) * visibility
     }
 
     /// The length of `w` scaled by (alpha_x, alpha_y, 1): cos(theta) sqrt(1 + alpha^2 tan^2(theta)).
@@ -42,25 +72,38 @@ impl Ggx {
     }
 }
 
+/// The GGX distribution of half vectors (GTR with exponent 2), 1/sr: integral D cos(theta_h) dh = 1.
+pub(super) fn gtr2(alpha: [f64; 2], h: &Vector3<f64>) -> f64 {
+    let (x, y) = (h.x / alpha[0], h.y / alpha[1]);
+    let q = x * x + y * y + h.z * h.z;
+    1.0 / (PI * alpha[0] * alpha[1] * q * q)
+}
+
+/// Schlick's weight (1 - cos(theta_d))^5 of grazing reflection.
+pub(super) fn schlick(w: &Vector3<f64>, h: &Vector3<f64>) -> f64 {
+    (1.0 - w.dot(h).clamp(0.0, 1.0)).powi(5)
+}
+
 impl Brdf for Ggx {
     fn eval(&self, wi: &Direction<Sample>, wo: &Direction<Sample>) -> [f64; 3] {
-        let (cos_i, cos_o) = (wi.cos_theta(), wo.cos_theta());
-        if cos_i <= 0.0 || cos_o <= 0.0 {
+        if wi.cos_theta() <= 0.0 || wo.cos_theta() <= 0.0 {
             return [0.0; 3];
         }
         let h = half_vector(wi, wo);
-        let (x, y) = (h.x / self.alpha[0], h.y / self.alpha[1]);
-        let q = x * x + y * y + h.z * h.z;
-        let d = 1.0 / (PI * self.alpha[0] * self.alpha[1] * q * q);
-        // G2 / (4 cos_i cos_o) without the division by the cosines.
-        let visibility = 0.5 / (cos_o * self.stretched(&wi.vector()) + cos_i * self.stretched(&wo.vector()));
-        let schlick = (1.0 - wo.vector().dot(&h).clamp(0.0, 1.0)).powi(5);
-        let lobe = self.ks * d * visibility;
-        std::array::from_fn(|c| self.kd[c] * FRAC_1_PI + lobe * (self.f0[c] + (1.0 - self.f0[c]) * schlick))
+        let (i, o) = (wi.vector(), wo.vector());
+        let s = schlick(&o, &h);
+        let mut f = self.kd.map(|kd| kd * FRAC_1_PI);
+        for lobe in &self.lobes {
+            let shape = lobe.shape(&h, &i, &o);
+            for c in 0..3 {
+                f[c] += shape * (lobe.f0[c] + (lobe.f90[c] - lobe.f0[c]) * s);
+            }
+        }
+        f
     }
 
     fn is_isotropic(&self) -> bool {
-        self.alpha[0] == self.alpha[1]
+        self.lobes.iter().all(|l| l.alpha[0] == l.alpha[1])
     }
 }
 
@@ -85,7 +128,7 @@ mod tests {
         let f = f0 + (1.0 - f0) * (1.0 - cos_d).powi(5);
         let g = 1.0 / (1.0 + lambda(theta_i) + lambda(theta_o));
         let want = 0.2 / PI + 0.8 * d * f * g / (4.0 * theta_i.cos() * theta_o.cos());
-        let ggx = Ggx { ks: 0.8, kd: [0.2; 3], ..Ggx::isotropic(alpha, [f0; 3]) };
+        let ggx = Ggx::isotropic(alpha, [f0; 3]).on_lambert(0.8, [0.2; 3]);
         assert!((ggx.eval(&wi, &wo)[1] / want - 1.0).abs() < 1e-13);
     }
 
@@ -117,7 +160,7 @@ mod tests {
 
     #[test]
     fn is_black_below_and_continuous() {
-        let ggx = Ggx { kd: [0.2; 3], ..Ggx::anisotropic(0.2, 0.5, [0.3, 0.5, 0.9]) };
+        let ggx = Ggx::anisotropic(0.2, 0.5, [0.3, 0.5, 0.9]).on_lambert(1.0, [0.2; 3]);
         black_below(&ggx);
         continuous_over_the_wrap(&ggx);
     }
@@ -125,7 +168,7 @@ mod tests {
     proptest! {
         #[test]
         fn is_reciprocal(wi in upper(), wo in upper(), x in 0.01..1.0f64, y in 0.01..1.0f64) {
-            reciprocal(&Ggx { kd: [0.1; 3], ..Ggx::anisotropic(x, y, [0.04, 0.5, 1.0]) }, &wi, &wo, 1e-9)?;
+            reciprocal(&Ggx::anisotropic(x, y, [0.04, 0.5, 1.0]).on_lambert(1.0, [0.1; 3]), &wi, &wo, 1e-9)?;
         }
 
         #[test]

@@ -2,11 +2,14 @@
 
 use std::f64::consts::FRAC_1_PI;
 
+use serde::{Deserialize, Serialize};
+
 use super::Brdf;
 use crate::geometry::{Direction, Sample};
 
 /// f = albedo / pi in every direction.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Lambert {
     /// Reflected share of the light, linear RGB, 0..=1.
     pub albedo: [f64; 3],

@@ -95,7 +95,7 @@ fn by_name(name: &str) -> Option<Arc<dyn Brdf>> {
         return Some(Arc::new(Lambert::gray(albedo)));
     }
     if let Some(&(_, alpha)) = GGX.iter().find(|m| m.0 == name) {
-        return Some(Arc::new(Ggx { alpha, f0: [0.5; 3], ks: 0.8, kd: [0.2; 3] }));
+        return Some(Arc::new(Ggx::anisotropic(alpha[0], alpha[1], [0.5; 3]).on_lambert(0.8, [0.2; 3])));
     }
     let material = abc_materials().iter().find(|m| m.name == name)?;
     Some(Arc::new(material.brdf))

@@ -4,6 +4,7 @@
 //! |---|---|---|
 //! | [`Lambert`] | a constant | |
 //! | [`Ggx`] | microfacets with a Lambert part, isotropic or not | Walter 2007, Heitz 2014 |
+//! | [`Dbrdf`] | a density of half vectors with a Lambert part | Ashikhmin & Premoze 2007 |
 //! | [`Abc`] | fits of 100 MERL materials, built in | Löw 2012 |
 //! | [`Rgl`] | adaptive tables, `.bsdf` files | Dupuy & Jakob 2018 |
 //! | [`Merl`] | half-angle tables, `.binary` files | Matusik 2003 |
@@ -23,28 +24,32 @@
 //! ```
 
 mod abc;
+mod dbrdf;
 mod error;
 mod ggx;
 mod half;
 mod lambert;
 mod material;
 mod merl;
+mod model;
 mod nbrdf;
 mod rgl;
 mod tensor;
 mod zone_errors;
 
-use std::f64::consts::TAU;
+use std::f64::consts::{FRAC_1_PI, TAU};
 
 use crate::geometry::quadrature::{gauss_legendre, tangents};
 use crate::geometry::{Direction, Sample};
 
 pub use abc::{Abc, AbcMaterial, abc_materials};
+pub use dbrdf::{Dbrdf, Density, DensityTerm, gtr2_solid_angle_integral};
 pub use error::ReadError;
-pub use ggx::Ggx;
+pub use ggx::{Ggx, GgxLobe};
 pub use lambert::Lambert;
 pub use material::{MaterialError, MaterialInfo, built_in, open};
 pub use merl::Merl;
+pub use model::Model;
 pub use nbrdf::NeuralBrdf;
 pub use rgl::Rgl;
 pub use tensor::TensorFile;
@@ -78,6 +83,19 @@ pub trait Brdf: Send + Sync {
     /// 0 where `wo` is not above the surface.
     fn albedo(&self, wo: &Direction<Sample>) -> [f64; 3] {
         integral_about_mirror(|wi| self.eval_cos(wi, wo), wo, ALBEDO_RADIAL, ALBEDO_AROUND)
+    }
+
+    /// A direction `wi` for the camera at `wo`, from two uniform numbers in [0, 1), with density [`Brdf::pdf`]; None where
+    /// the draw leaves the upper hemisphere (that share counts as absorbed: weigh by f_cos / pdf).
+    ///
+    /// Models override both; the default is the cosine law.
+    fn sample(&self, _wo: &Direction<Sample>, u: [f64; 2]) -> Option<Direction<Sample>> {
+        Some(Direction::from_mu_phi((1.0 - u[0]).sqrt(), TAU * u[1]))
+    }
+
+    /// Density of [`Brdf::sample`] over solid angle, 1/sr; 0 where it never goes.
+    fn pdf(&self, wi: &Direction<Sample>, _wo: &Direction<Sample>) -> f64 {
+        wi.cos_theta().max(0.0) * FRAC_1_PI
     }
 
     /// Whether f depends on the azimuths only through phi_i - phi_o (a mirror symmetry is not implied).
