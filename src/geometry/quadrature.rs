@@ -1,7 +1,6 @@
 //! Quadrature rules: nodes and weights as plain vectors.
 
 use std::f64::consts::{PI, TAU};
-use std::num::NonZeroUsize;
 
 use gauss_quad::GaussLegendre;
 use nalgebra::Vector3;
@@ -13,10 +12,10 @@ pub type Node<T> = (T, f64);
 
 /// Gauss-Legendre rule with `n` >= 1 nodes on [lo, hi], nodes ascending: exact for polynomials of degree 2n - 1.
 pub fn gauss_legendre(n: usize, lo: f64, hi: f64) -> Vec<Node<f64>> {
-    let n = NonZeroUsize::new(n.max(1)).expect("at least one node");
     let (half, mid) = ((hi - lo) / 2.0, (hi + lo) / 2.0);
-    let mut nodes: Vec<_> =
-        GaussLegendre::new(n).as_node_weight_pairs().iter().map(|&(x, w)| (mid + half * x, half * w)).collect();
+    // The library has no rule of one node.
+    let Ok(rule) = GaussLegendre::new(n) else { return vec![(mid, 2.0 * half)] };
+    let mut nodes: Vec<_> = rule.as_node_weight_pairs().iter().map(|&(x, w)| (mid + half * x, half * w)).collect();
     nodes.sort_by(|p, q| p.0.total_cmp(&q.0));
     nodes
 }
