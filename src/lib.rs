@@ -22,6 +22,7 @@ pub mod reduce;
 pub mod calibrate;
 pub mod measure;
 pub mod twin;
+pub mod fit;
 pub mod export;
 pub mod render;
 pub mod report;

@@ -6,6 +6,8 @@
 mod conversion;
 mod harmonics;
 mod jacobi;
+mod weighted;
 
 pub use conversion::{Block, Conversion, ConversionError, Method, gram_condition};
 pub use harmonics::{Harmonics, MAX_ORDER, OrderError, index, lm, size};
+pub use weighted::{DualSolution, WeightedDual};

@@ -3,7 +3,7 @@
 use std::f64::consts::FRAC_1_PI;
 use std::sync::LazyLock;
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::half::half_vector;
 use super::{Brdf, ReadError};
@@ -15,7 +15,8 @@ use crate::geometry::{Direction, Sample};
 /// the shadowing of V-shaped grooves (Cook & Torrance 1982). Löw, Kronander, Ynnerman, Unger, "BRDF models for accurate
 /// and efficient rendering of glossy surfaces", ACM TOG 31(1), 2012. Reciprocal; `a` is a free scale, so nothing
 /// bounds the albedo.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Abc {
     /// Albedo of the Lambert part, linear RGB.
     pub kd: [f64; 3],
@@ -36,16 +37,21 @@ impl Brdf for Abc {
             return [0.0; 3];
         }
         let h = half_vector(wi, wo);
-        let cos_d = wi.vector().dot(&h).clamp(1e-12, 1.0);
-        let g = (2.0 * h.z * cos_i.min(cos_o) / cos_d).min(1.0);
-        let fall_off = (1.0 + self.b * (1.0 - h.z).max(0.0)).powf(-self.c);
-        let lobe = fresnel_dielectric(cos_d, self.ior) * g * fall_off / (cos_i * cos_o);
-        std::array::from_fn(|k| FRAC_1_PI * (self.kd[k] + self.a[k] * lobe))
+        let lobe = abc_lobe(self.b, self.c, self.ior, [cos_i, cos_o], h.z, wi.vector().dot(&h));
+        std::array::from_fn(|k| FRAC_1_PI * self.kd[k] + self.a[k] * lobe)
     }
 
     fn is_isotropic(&self) -> bool {
         true
     }
+}
+
+/// The lobe for `a` = 1, 1/sr.
+pub(crate) fn abc_lobe(b: f64, c: f64, ior: f64, [cos_i, cos_o]: [f64; 2], cos_h: f64, cos_d: f64) -> f64 {
+    let cos_d = cos_d.clamp(1e-12, 1.0);
+    let g = (2.0 * cos_h * cos_i.min(cos_o) / cos_d).min(1.0);
+    let fall_off = (1.0 + b * (1.0 - cos_h).max(0.0)).powf(-c);
+    FRAC_1_PI * fresnel_dielectric(cos_d, ior) * g * fall_off / (cos_i * cos_o)
 }
 
 /// Reflectance of the boundary to a dielectric of index `ior` > 1 for unpolarised light at `cos_theta` in 0..=1.

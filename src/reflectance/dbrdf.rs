@@ -102,6 +102,11 @@ pub fn gtr2_solid_angle_integral(alpha: [f64; 2]) -> f64 {
     scale * sum * TAU / AZIMUTHS as f64
 }
 
+/// 1 / (cos_i + cos_o - cos_i cos_o), what a D-BRDF has in the place of shadowing.
+pub(crate) fn openness(cos_i: f64, cos_o: f64) -> f64 {
+    1.0 / (cos_i + cos_o - cos_i * cos_o)
+}
+
 /// Linear interpolation on ascending knots, constant beyond both ends; 0 without knots.
 fn interpolate(knots: &[f64], values: &[f64], at: f64) -> f64 {
     let i = knots.partition_point(|&k| k <= at);
@@ -120,7 +125,7 @@ impl Brdf for Dbrdf {
         }
         let h = half_vector(wi, wo);
         let fresnel = self.r0 + (1.0 - self.r0) * schlick(&wo.vector(), &h);
-        let lobe = self.p.eval(&h) * fresnel / (cos_i + cos_o - cos_i * cos_o);
+        let lobe = self.p.eval(&h) * fresnel * openness(cos_i, cos_o);
         std::array::from_fn(|c| self.kd[c] * FRAC_1_PI + self.c[c] * lobe)
     }
 

@@ -59,7 +59,7 @@ impl Ggx {
 
 impl GgxLobe {
     /// D G2 / (4 cos(theta_i) cos(theta_o)): the lobe for F = 1.
-    fn shape(&self, h: &Vector3<f64>, wi: &Vector3<f64>, wo: &Vector3<f64>) -> f64 {
+    pub(crate) fn shape(&self, h: &Vector3<f64>, wi: &Vector3<f64>, wo: &Vector3<f64>) -> f64 {
         // G2 / (4 cos_i cos_o) without the division by the cosines.
         let visibility = 0.5 / (wo.z * self.stretched(wi) + wi.z * self.stretched(wo));
         gtr2(self.alpha, h) * visibility
@@ -73,7 +73,7 @@ impl GgxLobe {
 }
 
 /// The GGX distribution of half vectors (GTR with exponent 2), 1/sr: integral D cos(theta_h) dh = 1.
-pub(super) fn gtr2(alpha: [f64; 2], h: &Vector3<f64>) -> f64 {
+pub(crate) fn gtr2(alpha: [f64; 2], h: &Vector3<f64>) -> f64 {
     let (x, y) = (h.x / alpha[0], h.y / alpha[1]);
     let q = x * x + y * y + h.z * h.z;
     1.0 / (PI * alpha[0] * alpha[1] * q * q)

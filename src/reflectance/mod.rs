@@ -5,6 +5,7 @@
 //! | [`Lambert`] | a constant | |
 //! | [`Ggx`] | microfacets with a Lambert part, isotropic or not | Walter 2007, Heitz 2014 |
 //! | [`Dbrdf`] | a density of half vectors with a Lambert part | Ashikhmin & Premoze 2007 |
+//! | [`Mixture`] | GGX lobes and half-vector lobes side by side | |
 //! | [`Abc`] | fits of 100 MERL materials, built in | Löw 2012 |
 //! | [`Rgl`] | adaptive tables, `.bsdf` files | Dupuy & Jakob 2018 |
 //! | [`Merl`] | half-angle tables, `.binary` files | Matusik 2003 |
@@ -23,14 +24,15 @@
 //! # Ok::<(), zonal::reflectance::MaterialError>(())
 //! ```
 
-mod abc;
-mod dbrdf;
+pub(crate) mod abc;
+pub(crate) mod dbrdf;
 mod error;
-mod ggx;
+pub(crate) mod ggx;
 mod half;
 mod lambert;
 mod material;
 mod merl;
+mod mixture;
 mod model;
 mod nbrdf;
 mod rgl;
@@ -49,6 +51,7 @@ pub use ggx::{Ggx, GgxLobe};
 pub use lambert::Lambert;
 pub use material::{MaterialError, MaterialInfo, built_in, open};
 pub use merl::Merl;
+pub use mixture::{HalfLobe, Mixture};
 pub use model::Model;
 pub use nbrdf::NeuralBrdf;
 pub use rgl::Rgl;

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Brdf, Dbrdf, Ggx, Lambert, Towards};
+use super::{Abc, Brdf, Dbrdf, Ggx, Lambert, Mixture, Towards};
 use crate::geometry::{Direction, Sample};
 
 /// A closed-form model with its parameters.
@@ -13,8 +13,12 @@ pub enum Model {
     Lambert(Lambert),
     /// Microfacets, one or two kinds, on a diffuser.
     Ggx(Ggx),
+    /// One lobe with a free tail on a diffuser.
+    Abc(Abc),
     /// A density of half vectors on a diffuser.
     Dbrdf(Dbrdf),
+    /// Lobes of both kinds on a diffuser.
+    Mixture(Mixture),
 }
 
 impl Model {
@@ -22,7 +26,9 @@ impl Model {
         match self {
             Self::Lambert(model) => model,
             Self::Ggx(model) => model,
+            Self::Abc(model) => model,
             Self::Dbrdf(model) => model,
+            Self::Mixture(model) => model,
         }
     }
 }

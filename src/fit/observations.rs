@@ -1,0 +1,158 @@
+//! What a fit sees of a run: zonal coefficients in the frame of each exitant direction.
+
+use crate::basis::{lm, size};
+use crate::geometry::{Direction, ExitantGrid};
+use crate::reduce::Coefficients;
+
+/// Zonal coefficients at stations of exitant directions, each turned about the normal until it lies at phi_o = 0.
+///
+/// A turn by phi_o mixes (l, m) and (l, -m) like a plane vector. For an isotropic sample all sectors of a ring then say
+/// the same, and the sine terms nothing.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Observations {
+    /// Exitant directions of the run.
+    pub grid: ExitantGrid,
+    /// Zonal order L.
+    pub order: usize,
+    /// Which functions are kept, ascending k: those with m >= 0, or all.
+    pub terms: Vec<usize>,
+    /// Exitant directions.
+    pub stations: Vec<Station>,
+    /// Whether rings were averaged on the assumption of isotropy.
+    pub folded: bool,
+    /// RMS over the data of (deviation from the ring's mean) / sigma: 1 for an isotropic sample. 1 if not folded.
+    pub isotropy_chi: f64,
+}
+
+/// One exitant direction and its coefficients.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Station {
+    /// Its ring.
+    pub ring: usize,
+    /// Its azimuth, radians; 0 in folded observations.
+    pub phi_o: f64,
+    /// Values, 1/sqrt(sr): `[term][channel]`.
+    pub z: Vec<[f64; 3]>,
+    /// Standard errors, indexed alike.
+    pub sigma: Vec<[f64; 3]>,
+}
+
+impl Station {
+    /// The exitant direction.
+    pub fn wo(&self, grid: &ExitantGrid) -> Direction {
+        Direction::from_angles(grid.theta(self.ring), self.phi_o)
+    }
+}
+
+/// Rings and sectors of anisotropic observations are thinned to about these many.
+const ANISOTROPIC_RINGS: usize = 11;
+const ANISOTROPIC_SECTORS: usize = 16;
+
+impl Observations {
+    /// Averages each ring over its azimuths, by inverse variance, as if the sample were isotropic.
+    pub fn folded(coefficients: &Coefficients) -> Self {
+        let grid = coefficients.grid;
+        let terms: Vec<usize> = (0..size(coefficients.order)).filter(|&k| lm(k).1 >= 0).collect();
+        let (mut excess, mut freedom) = (0.0, 0usize);
+        let mut stations = Vec::new();
+        for ring in 0..grid.rings() {
+            let mut station = Station { ring, phi_o: 0.0, z: Vec::new(), sigma: Vec::new() };
+            for &k in &terms {
+                let means = [0, 1, 2].map(|c| {
+                    let parts = parts(coefficients, ring, k, c);
+                    let (sum, weight, data) = parts.iter().fold((0.0, 0.0, 0usize), |(s, w, n), p| {
+                        (s + p.factor * p.z / p.variance, w + p.factor * p.factor / p.variance, n + 1)
+                    });
+                    let mean = sum / weight;
+                    excess += parts.iter().map(|p| (p.z - mean * p.factor).powi(2) / p.variance).sum::<f64>();
+                    freedom += data.saturating_sub(1);
+                    (mean, weight.sqrt().recip())
+                });
+                station.z.push(means.map(|m| m.0));
+                station.sigma.push(means.map(|m| m.1));
+            }
+            // A ring without data says nothing.
+            if station.z.iter().flatten().all(|z| z.is_finite()) {
+                stations.push(station);
+            }
+        }
+        let isotropy_chi = if freedom > 0 { (excess / freedom as f64).sqrt() } else { 1.0 };
+        Self { grid, order: coefficients.order, terms, stations, folded: true, isotropy_chi }
+    }
+
+    /// A thinned selection of exitant directions, nothing assumed.
+    pub fn anisotropic(coefficients: &Coefficients) -> Self {
+        let grid = coefficients.grid;
+        let terms: Vec<usize> = (0..size(coefficients.order)).collect();
+        let ring_step = grid.rings().div_ceil(ANISOTROPIC_RINGS);
+        let sector_step = grid.sectors().div_ceil(ANISOTROPIC_SECTORS);
+        let mut stations = Vec::new();
+        for ring in (ring_step / 2..grid.rings()).step_by(ring_step) {
+            for sector in (ring % sector_step..grid.sectors()).step_by(sector_step) {
+                let cell = ring * grid.sectors() + sector;
+                let phi_o = grid.phi(sector);
+                let turned = |planes: [Vec<f64>; 3], sigma: bool| -> Vec<[f64; 3]> {
+                    terms.iter().map(|&k| [0, 1, 2].map(|c| turn(&planes[c], k, phi_o, sigma))).collect()
+                };
+                let z = turned([0, 1, 2].map(|c| coefficients.spectrum(c, cell)), false);
+                let sigma = turned([0, 1, 2].map(|c| coefficients.spectrum_sigma(c, cell)), true);
+                if z.iter().flatten().all(|z| z.is_finite()) {
+                    stations.push(Station { ring, phi_o, z, sigma });
+                }
+            }
+        }
+        Self { grid, order: coefficients.order, terms, stations, folded: false, isotropy_chi: 1.0 }
+    }
+
+    /// Number of data in one channel.
+    pub fn len(&self) -> usize {
+        self.stations.len() * self.terms.len()
+    }
+
+    /// Whether no exitant direction has data.
+    pub fn is_empty(&self) -> bool {
+        self.stations.is_empty()
+    }
+
+    /// RMS of z_00 over stations and channels.
+    pub fn dc(&self) -> f64 {
+        let sum: f64 = self.stations.iter().flat_map(|s| s.z[0]).map(|z| z * z).sum();
+        (sum / (3 * self.stations.len()).max(1) as f64).sqrt()
+    }
+}
+
+struct Part {
+    /// cos or sin of m phi_o: the datum is this times the folded coefficient.
+    factor: f64,
+    z: f64,
+    variance: f64,
+}
+
+/// All data of one ring that speak of (l, |m|).
+fn parts(coefficients: &Coefficients, ring: usize, k: usize, channel: usize) -> Vec<Part> {
+    let grid = coefficients.grid;
+    let (l, m) = lm(k);
+    let mut parts = Vec::with_capacity(2 * grid.sectors());
+    for sector in 0..grid.sectors() {
+        let cell = ring * grid.sectors() + sector;
+        let (sin, cos) = (f64::from(m) * grid.phi(sector)).sin_cos();
+        let mut push = |k: usize, factor: f64| {
+            let at = (k * 3 + channel) * grid.len() + cell;
+            let (z, sigma) = (f64::from(coefficients.values[at]), f64::from(coefficients.sigma[at]));
+            if z.is_finite() && sigma > 0.0 && factor != 0.0 {
+                parts.push(Part { factor, z, variance: sigma * sigma });
+            }
+        };
+        push(k, cos);
+        push(crate::basis::index(l, -m), sin);
+    }
+    parts
+}
+
+/// One coefficient in the frame turned by `phi_o`, or its standard error.
+fn turn(spectrum: &[f64], k: usize, phi_o: f64, sigma: bool) -> f64 {
+    let (l, m) = lm(k);
+    let partner = spectrum[crate::basis::index(l, -m)];
+    let (sin, cos) = (f64::from(m) * phi_o).sin_cos();
+    if sigma { (cos * spectrum[k]).hypot(sin * partner) } else { cos * spectrum[k] + sin * partner }
+}
