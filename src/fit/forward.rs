@@ -20,6 +20,8 @@ pub struct Forward {
     stations: Vec<(usize, f64)>,
     terms: usize,
     folded: bool,
+    /// Value of the constant zonal function.
+    constant: f64,
 }
 
 /// Incident directions for one exitant direction at phi_o = 0.
@@ -86,6 +88,7 @@ impl Forward {
             stations: observations.stations.iter().map(|s| (position(s.ring), s.phi_o)).collect(),
             terms: observations.terms.len(),
             folded: observations.folded,
+            constant: zone.solid_angle().sqrt().recip(),
         })
     }
 
@@ -111,6 +114,29 @@ impl Forward {
             })
             .collect();
         std::array::from_fn(|s| parts.iter().flatten().map(|v| v[s]).collect())
+    }
+
+    /// Integrals over the zone, summed over stations, of products of f_cos of `S` shapes.
+    pub fn gram<const S: usize>(&self, shape: impl Fn(&Node) -> [f64; S] + Sync) -> [[f64; S]; S] {
+        let parts: Vec<[[f64; S]; S]> = self
+            .stations
+            .par_iter()
+            .map(|&(ring, phi_o)| {
+                let ring = &self.rings[ring];
+                let mut sums = [[0.0; S]; S];
+                for (node, zonal) in ring.nodes.iter().zip(ring.zonal.chunks_exact(self.terms)) {
+                    // The first function is constant.
+                    let solid_angle = zonal[0] / self.constant;
+                    let values =
+                        if self.folded { shape(node) } else { shape(&node.turned(phi_o)) }.map(|f| f * node.wi.z);
+                    for (sums, a) in sums.iter_mut().zip(values) {
+                        sums.iter_mut().zip(values).for_each(|(sum, b)| *sum += solid_angle * a * b);
+                    }
+                }
+                sums
+            })
+            .collect();
+        std::array::from_fn(|i| std::array::from_fn(|j| parts.iter().map(|p| p[i][j]).sum()))
     }
 
     /// Coefficients of any reflectance, by channel.

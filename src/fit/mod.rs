@@ -1,7 +1,127 @@
 //! Reflection models from measured coefficients, judged in the measured space.
+//!
+//! A model is asked what the rig would have measured: its f_cos is integrated against the very lobes that were shown, and
+//! the differences to the measured coefficients, over their standard errors, are made small. The blur of the basis is then
+//! part of the model, and sharp lobes survive low orders. Fits to the reconstruction exist as baselines only.
+//!
+//! Linear parameters (albedos, weights) are solved for, non-negative, at every step; only shape parameters are searched.
 
+mod baselines;
+mod dictionary;
+mod family;
 mod forward;
+mod likelihood;
+mod method;
 mod observations;
+mod report;
+mod search;
+mod select;
+mod session;
+mod uncertainty;
+
+use std::time::Instant;
+
+use thiserror::Error;
+
+use crate::basis::OrderError;
+use crate::reduce::Coefficients;
+use crate::reflectance::Model;
+use family::Family;
+use search::Minimum;
+use session::Session;
+use uncertainty::{CalibrationErrors, covariance};
 
 pub use forward::{Fineness, Forward, Node};
+pub use method::{FitMethod, UnknownMethod};
 pub use observations::{Observations, Station};
+pub use report::{FitReport, Plausibility, ResidualMap};
+pub use search::Termination;
+pub use select::{Candidate, PRICE, Selection};
+pub use uncertainty::CalibrationUncertainty;
+
+/// Why there is no fit.
+#[derive(Debug, Error)]
+pub enum FitError {
+    /// The order is out of range.
+    #[error(transparent)]
+    Order(#[from] OrderError),
+    /// No exitant direction has finite coefficients and standard errors.
+    #[error("the coefficients hold no exitant direction with data: reduce the run again, with a finer exitant grid")]
+    NoData,
+    /// The sample is black.
+    #[error("z_00 is not positive in any direction: was there a sample, and light?")]
+    Black,
+    /// A start does not name every shape parameter.
+    #[error("`{model}` has {expected} shape parameters, {got} were given to start from")]
+    Start {
+        /// The family.
+        model: FitMethod,
+        /// Shape parameters it has.
+        expected: usize,
+        /// Values given.
+        got: usize,
+    },
+}
+
+/// What a fit is told beyond the data.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct FitOptions {
+    /// How well the rig is known.
+    pub calibration: CalibrationUncertainty,
+    /// Shape parameters to start from, instead of the family's own starts; `ggx`, `ggx2` and `abc` only.
+    pub start: Option<Vec<f64>>,
+}
+
+/// One family fitted.
+pub(crate) struct Fitted {
+    method: FitMethod,
+    family: Box<dyn Family>,
+    minimum: Minimum,
+    model: Model,
+}
+
+/// Deviation from isotropy, over z_00 and beyond noise, from which on a sample is fitted as anisotropic.
+const ANISOTROPIC: f64 = 0.01;
+
+/// Fits a model to the coefficients of a run.
+///
+/// # Errors
+/// [`FitError`]. A search that did not converge is no error: its report says so.
+pub fn fit(coefficients: &Coefficients, method: FitMethod, options: &FitOptions) -> Result<FitReport, FitError> {
+    let started = Instant::now();
+    let folded = Observations::folded(coefficients);
+    let observations = if folded.anisotropy > ANISOTROPIC { Observations::anisotropic(coefficients) } else { folded };
+    if observations.is_empty() {
+        return Err(FitError::NoData);
+    }
+    if observations.dc() <= 0.0 {
+        return Err(FitError::Black);
+    }
+    let session = Session::new(&observations)?;
+    let likelihood = session.likelihood();
+    let (fitted, selection) = match method {
+        FitMethod::Auto => session.auto(&likelihood)?,
+        other => (session.fit_one(&likelihood, other, options.start.as_deref())?, None),
+    };
+    let errors = CalibrationErrors::new(
+        &observations,
+        fitted.family.as_ref(),
+        &fitted.minimum,
+        &likelihood,
+        &options.calibration,
+    )?;
+    let covariance = covariance(fitted.family.as_ref(), &fitted.minimum, &likelihood, &errors);
+    let predictions = [0, 1, 2].map(|c| likelihood.predict(&fitted.minimum.columns, &fitted.minimum.solution.x, c));
+    Ok(FitReport::new(report::Parts {
+        fitted: &fitted,
+        requested: method,
+        covariance: &covariance,
+        observations: &observations,
+        predictions,
+        data: likelihood.len(),
+        calibration: options.calibration,
+        selection,
+        fit_s: started.elapsed().as_secs_f64(),
+        history: coefficients.history.clone(),
+    }))
+}

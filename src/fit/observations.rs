@@ -1,6 +1,6 @@
 //! What a fit sees of a run: zonal coefficients in the frame of each exitant direction.
 
-use crate::basis::{lm, size};
+use crate::basis::{Harmonics, index, lm, size};
 use crate::geometry::{Direction, ExitantGrid};
 use crate::reduce::Coefficients;
 
@@ -22,6 +22,8 @@ pub struct Observations {
     pub folded: bool,
     /// RMS over the data of (deviation from the ring's mean) / sigma: 1 for an isotropic sample. 1 if not folded.
     pub isotropy_chi: f64,
+    /// RMS deviation from the ring's mean beyond noise, over RMS z_00. 0 if not folded.
+    pub anisotropy: f64,
 }
 
 /// One exitant direction and its coefficients.
@@ -53,7 +55,7 @@ impl Observations {
     pub fn folded(coefficients: &Coefficients) -> Self {
         let grid = coefficients.grid;
         let terms: Vec<usize> = (0..size(coefficients.order)).filter(|&k| lm(k).1 >= 0).collect();
-        let (mut excess, mut freedom) = (0.0, 0usize);
+        let (mut excess, mut freedom, mut power) = (0.0, 0usize, 0.0);
         let mut stations = Vec::new();
         for ring in 0..grid.rings() {
             let mut station = Station { ring, phi_o: 0.0, z: Vec::new(), sigma: Vec::new() };
@@ -64,7 +66,11 @@ impl Observations {
                         (s + p.factor * p.z / p.variance, w + p.factor * p.factor / p.variance, n + 1)
                     });
                     let mean = sum / weight;
-                    excess += parts.iter().map(|p| (p.z - mean * p.factor).powi(2) / p.variance).sum::<f64>();
+                    for p in &parts {
+                        let square = (p.z - mean * p.factor).powi(2);
+                        excess += square / p.variance;
+                        power += square - p.variance;
+                    }
                     freedom += data.saturating_sub(1);
                     (mean, weight.sqrt().recip())
                 });
@@ -77,7 +83,10 @@ impl Observations {
             }
         }
         let isotropy_chi = if freedom > 0 { (excess / freedom as f64).sqrt() } else { 1.0 };
-        Self { grid, order: coefficients.order, terms, stations, folded: true, isotropy_chi }
+        let mut all =
+            Self { grid, order: coefficients.order, terms, stations, folded: true, isotropy_chi, anisotropy: 0.0 };
+        all.anisotropy = (power / freedom.max(1) as f64).max(0.0).sqrt() / all.dc();
+        all
     }
 
     /// A thinned selection of exitant directions, nothing assumed.
@@ -101,7 +110,7 @@ impl Observations {
                 }
             }
         }
-        Self { grid, order: coefficients.order, terms, stations, folded: false, isotropy_chi: 1.0 }
+        Self { grid, order: coefficients.order, terms, stations, folded: false, isotropy_chi: 1.0, anisotropy: 0.0 }
     }
 
     /// Number of data in one channel.
@@ -120,6 +129,44 @@ impl Observations {
         (sum / (3 * self.stations.len()).max(1) as f64).sqrt()
     }
 }
+
+impl Observations {
+    /// RMS standard error over RMS z_00.
+    pub fn noise_rel(&self) -> f64 {
+        let sum: f64 = self.stations.iter().flat_map(|s| s.sigma.iter().flatten()).map(|sigma| sigma * sigma).sum();
+        (sum / (3 * self.len()).max(1) as f64).sqrt() / self.dc()
+    }
+
+    /// RMS difference between the data and predictions (by channel, `station * terms + term`), over RMS z_00.
+    pub fn misfit(&self, predictions: &[Vec<f64>; 3]) -> f64 {
+        let all = self.stations.iter().flat_map(|s| &s.z).enumerate();
+        let sum: f64 = all.map(|(i, z)| (0..3).map(|c| (z[c] - predictions[c][i]).powi(2)).sum::<f64>()).sum();
+        (sum / (3 * self.len()).max(1) as f64).sqrt() / self.dc()
+    }
+
+    /// Light sent back to its source over light mirrored, both in the zonal reconstruction and away from the normal; None
+    /// if nothing is mirrored or no such direction was measured.
+    pub fn backscatter_share(&self) -> Option<f64> {
+        let basis = Harmonics::zonal(self.grid.zone(), self.order).ok()?;
+        let (mut back, mut mirrored) = (0.0, 0.0);
+        for station in &self.stations {
+            let theta_o = self.grid.theta(station.ring);
+            if theta_o < APART {
+                continue;
+            }
+            let toward = |phi: f64| {
+                let functions = basis.eval(&Direction::from_angles(theta_o, phi));
+                self.terms.iter().zip(&station.z).map(|(&k, z)| functions[k] * z.iter().sum::<f64>()).sum::<f64>()
+            };
+            back += toward(0.0);
+            mirrored += toward(std::f64::consts::PI);
+        }
+        (mirrored > 0.0).then(|| back / mirrored)
+    }
+}
+
+/// Exitant angle, radians, from which on the way back and the mirror direction are told apart by low orders.
+const APART: f64 = 0.5;
 
 struct Part {
     /// cos or sin of m phi_o: the datum is this times the folded coefficient.
@@ -144,7 +191,7 @@ fn parts(coefficients: &Coefficients, ring: usize, k: usize, channel: usize) -> 
             }
         };
         push(k, cos);
-        push(crate::basis::index(l, -m), sin);
+        push(index(l, -m), sin);
     }
     parts
 }
@@ -152,7 +199,7 @@ fn parts(coefficients: &Coefficients, ring: usize, k: usize, channel: usize) -> 
 /// One coefficient in the frame turned by `phi_o`, or its standard error.
 fn turn(spectrum: &[f64], k: usize, phi_o: f64, sigma: bool) -> f64 {
     let (l, m) = lm(k);
-    let partner = spectrum[crate::basis::index(l, -m)];
+    let partner = spectrum[index(l, -m)];
     let (sin, cos) = (f64::from(m) * phi_o).sin_cos();
     if sigma { (cos * spectrum[k]).hypot(sin * partner) } else { cos * spectrum[k] + sin * partner }
 }

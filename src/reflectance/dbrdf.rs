@@ -54,11 +54,20 @@ pub struct DensityTerm {
 impl Density {
     /// p(h) for a unit vector above the surface.
     pub fn eval(&self, h: &Vector3<f64>) -> f64 {
+        self.prepared()(h)
+    }
+
+    /// p as a function of h: the integrals of a mixture's terms are found once.
+    pub fn prepared(&self) -> Box<dyn Fn(&Vector3<f64>) -> f64 + Send + Sync + '_> {
         match self {
             Self::Mixture(terms) => {
-                terms.iter().map(|t| t.weight * gtr2(t.alpha, h) / gtr2_solid_angle_integral(t.alpha)).sum()
+                let scaled: Vec<([f64; 2], f64)> =
+                    terms.iter().map(|t| (t.alpha, t.weight / gtr2_solid_angle_integral(t.alpha))).collect();
+                Box::new(move |h| scaled.iter().map(|&(alpha, scale)| scale * gtr2(alpha, h)).sum())
             }
-            Self::Table { theta_h_deg, p } => interpolate(theta_h_deg, p, h.x.hypot(h.y).atan2(h.z).to_degrees()),
+            Self::Table { theta_h_deg, p } => {
+                Box::new(move |h| interpolate(theta_h_deg, p, h.x.hypot(h.y).atan2(h.z).to_degrees()))
+            }
         }
     }
 

@@ -103,7 +103,12 @@ fn by_name(name: &str) -> Option<Arc<dyn Brdf>> {
 
 /// The built-in names with the smallest edit distance to `name`.
 fn nearest(name: &str) -> Vec<String> {
-    let mut names: Vec<_> = built_in().into_iter().map(|m| (edit_distance(name, &m.name), m.name)).collect();
+    most_alike(name, built_in().into_iter().map(|m| m.name))
+}
+
+/// Of the names known, those most like `name`, best first.
+pub(crate) fn most_alike(name: &str, known: impl Iterator<Item = String>) -> Vec<String> {
+    let mut names: Vec<_> = known.map(|k| (edit_distance(name, &k), k)).collect();
     names.sort();
     names.into_iter().take(SUGGESTIONS).map(|(_, name)| name).collect()
 }

@@ -49,6 +49,7 @@ pub use dbrdf::{Dbrdf, Density, DensityTerm, gtr2_solid_angle_integral};
 pub use error::ReadError;
 pub use ggx::{Ggx, GgxLobe};
 pub use lambert::Lambert;
+pub(crate) use material::most_alike;
 pub use material::{MaterialError, MaterialInfo, built_in, open};
 pub use merl::Merl;
 pub use mixture::{HalfLobe, Mixture};

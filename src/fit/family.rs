@@ -1,0 +1,172 @@
+//! Families of models: a few shape parameters, and columns that enter linearly.
+
+use super::{Forward, Node};
+use crate::reflectance::abc::abc_lobe;
+use crate::reflectance::{Abc, Ggx, GgxLobe, Lambert, Model};
+
+/// A shape parameter and the range it is searched in; the search runs in its logarithm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct ShapeParameter {
+    pub name: &'static str,
+    /// Smallest and largest value.
+    pub range: [f64; 2],
+    /// Subtracted before the logarithm is taken: indices of refraction begin at 1.
+    pub origin: f64,
+}
+
+/// A family whose shape parameters `theta` are natural values and whose other parameters are non-negative and linear.
+pub(super) trait Family: Sync {
+    fn shape(&self) -> Vec<ShapeParameter>;
+    /// Names of the linear parameters, RGB each; the first is `kd`.
+    fn linear(&self) -> Vec<String>;
+    /// One predicted column for each linear parameter but the first.
+    fn columns(&self, forward: &Forward, theta: &[f64]) -> Vec<Vec<f64>>;
+    /// The model, `x[column][channel]`.
+    fn model(&self, theta: &[f64], x: &[[f64; 3]]) -> Model;
+    /// Shape parameters to start a search from, from coarse to complete cover.
+    fn starts(&self) -> Vec<Vec<f64>>;
+    /// Brings `theta` to a standard order where several values mean the same.
+    fn ordered(&self, theta: &[f64]) -> Vec<f64> {
+        theta.to_vec()
+    }
+}
+
+/// Roughness a fit looks for: sharper lobes are mirrors to every order a rig shows, duller ones are all but diffuse.
+pub(super) const ALPHA: [f64; 2] = [0.005, 1.0];
+
+/// `n` values from `lo` to `hi` in equal ratios.
+pub(super) fn geometric(lo: f64, hi: f64, n: usize) -> Vec<f64> {
+    (0..n).map(|i| lo * (hi / lo).powf(i as f64 / (n - 1) as f64)).collect()
+}
+
+/// A diffuser.
+pub(super) struct LambertFamily;
+
+impl Family for LambertFamily {
+    fn shape(&self) -> Vec<ShapeParameter> {
+        Vec::new()
+    }
+
+    fn linear(&self) -> Vec<String> {
+        vec!["kd".into()]
+    }
+
+    fn columns(&self, _forward: &Forward, _theta: &[f64]) -> Vec<Vec<f64>> {
+        Vec::new()
+    }
+
+    fn model(&self, _theta: &[f64], x: &[[f64; 3]]) -> Model {
+        Model::Lambert(Lambert { albedo: x[0] })
+    }
+
+    fn starts(&self) -> Vec<Vec<f64>> {
+        vec![Vec::new()]
+    }
+}
+
+/// One or two GGX lobes on a diffuser, isotropic or with a roughness across the grain of their own.
+pub(super) struct GgxFamily {
+    pub lobes: usize,
+    pub anisotropic: bool,
+}
+
+impl GgxFamily {
+    fn alphas(&self, theta: &[f64]) -> Vec<[f64; 2]> {
+        let per_lobe = if self.anisotropic { 2 } else { 1 };
+        theta.chunks(per_lobe).map(|t| [t[0], t[per_lobe - 1]]).collect()
+    }
+}
+
+impl Family for GgxFamily {
+    fn shape(&self) -> Vec<ShapeParameter> {
+        let names: &[&'static str] = match (self.lobes, self.anisotropic) {
+            (1, false) => &["alpha"],
+            (1, true) => &["alpha_x", "alpha_y"],
+            (_, false) => &["alpha", "alpha_2"],
+            (_, true) => &["alpha_x", "alpha_y", "alpha_2_x", "alpha_2_y"],
+        };
+        names.iter().map(|&name| ShapeParameter { name, range: ALPHA, origin: 0.0 }).collect()
+    }
+
+    fn linear(&self) -> Vec<String> {
+        ["kd", "f0", "f90", "f0_2", "f90_2"][..1 + 2 * self.lobes].iter().map(|&n| n.into()).collect()
+    }
+
+    fn columns(&self, forward: &Forward, theta: &[f64]) -> Vec<Vec<f64>> {
+        let lobes = self.alphas(theta).into_iter();
+        lobes.flat_map(|alpha| forward.project(|node| ggx_columns(alpha, node))).collect()
+    }
+
+    fn model(&self, theta: &[f64], x: &[[f64; 3]]) -> Model {
+        let lobes = self.alphas(theta).into_iter().zip(x[1..].chunks(2));
+        let lobes = lobes.map(|(alpha, x)| GgxLobe { alpha, f0: x[0], f90: x[1] }).collect();
+        Model::Ggx(Ggx { kd: x[0], lobes })
+    }
+
+    fn starts(&self) -> Vec<Vec<f64>> {
+        let coarse = |n: usize| geometric(0.01, 0.8, n);
+        match (self.lobes, self.anisotropic) {
+            (1, false) => coarse(14).into_iter().map(|a| vec![a]).collect(),
+            (1, true) => coarse(6).into_iter().flat_map(|a| coarse(6).into_iter().map(move |b| vec![a, b])).collect(),
+            (_, false) => pairs(&coarse(10)).into_iter().map(|(a, b)| vec![a, b]).collect(),
+            (_, true) => pairs(&coarse(5)).into_iter().map(|(a, b)| vec![a, a, b, b]).collect(),
+        }
+    }
+
+    fn ordered(&self, theta: &[f64]) -> Vec<f64> {
+        let mut lobes: Vec<&[f64]> = theta.chunks(theta.len() / self.lobes).collect();
+        lobes.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        lobes.concat()
+    }
+}
+
+/// A GGX lobe's parts that weigh f0 and f90.
+pub(super) fn ggx_columns(alpha: [f64; 2], node: &Node) -> [f64; 2] {
+    let lobe = GgxLobe { alpha, f0: [1.0; 3], f90: [1.0; 3] }.shape(&node.h, &node.wi, &node.wo);
+    [lobe * (1.0 - node.schlick), lobe * node.schlick]
+}
+
+fn pairs(values: &[f64]) -> Vec<(f64, f64)> {
+    (0..values.len()).flat_map(|j| (0..j).map(move |i| (i, j))).map(|(i, j)| (values[i], values[j])).collect()
+}
+
+/// One ABC lobe on a diffuser.
+///
+/// In place of `b` and `c`, which trade against each other for sharp lobes, the search uses the angle theta_h at which the
+/// distribution has fallen to a half, and `c`.
+pub(super) struct AbcFamily;
+
+/// 1 - cos(theta_h) at half height, from the width in radians.
+fn abc_b(width: f64, c: f64) -> f64 {
+    (2f64.powf(1.0 / c) - 1.0) / (1.0 - width.cos())
+}
+
+impl Family for AbcFamily {
+    fn shape(&self) -> Vec<ShapeParameter> {
+        vec![
+            ShapeParameter { name: "width_rad", range: [0.0005, 1.5], origin: 0.0 },
+            ShapeParameter { name: "c", range: [0.1, 50.0], origin: 0.0 },
+            ShapeParameter { name: "ior", range: [1.01, 8.0], origin: 1.0 },
+        ]
+    }
+
+    fn linear(&self) -> Vec<String> {
+        vec!["kd".into(), "a".into()]
+    }
+
+    fn columns(&self, forward: &Forward, theta: &[f64]) -> Vec<Vec<f64>> {
+        let (b, c, ior) = (abc_b(theta[0], theta[1]), theta[1], theta[2]);
+        let [column] = forward.project(|n| [abc_lobe(b, c, ior, [n.wi.z, n.wo.z], n.h.z, n.wo.dot(&n.h))]);
+        vec![column]
+    }
+
+    fn model(&self, theta: &[f64], x: &[[f64; 3]]) -> Model {
+        Model::Abc(Abc { kd: x[0], a: x[1], b: abc_b(theta[0], theta[1]), c: theta[1], ior: theta[2] })
+    }
+
+    fn starts(&self) -> Vec<Vec<f64>> {
+        let widths = geometric(0.003, 0.4, 6);
+        let tails = [0.5, 1.2, 3.0];
+        widths.into_iter().flat_map(|w| tails.map(|c| vec![w, c, 1.5])).collect()
+    }
+}

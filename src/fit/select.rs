@@ -1,0 +1,145 @@
+//! Which family a measurement supports: prediction of what was held out, at a price for complexity.
+
+use serde::{Deserialize, Serialize};
+
+use super::dictionary::Dictionary;
+use super::likelihood::Likelihood;
+use super::search::polish;
+use super::{FitMethod, Fitted, Observations};
+
+/// A richer family must lower the predicted error by this share to be taken.
+pub const PRICE: f64 = 0.2;
+
+/// A family that was considered.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Candidate {
+    /// The family.
+    pub model: FitMethod,
+    /// RMS error of predicted coefficients that the fit had not seen, over RMS z_00.
+    pub predicted_error: f64,
+    /// The same for coefficients it had seen.
+    pub fitted_error: f64,
+    /// Whether the fit ended well.
+    pub successful: bool,
+}
+
+/// Why a family was chosen.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Selection {
+    /// From simple to rich.
+    pub candidates: Vec<Candidate>,
+    /// Standard error of the data, RMS, over RMS z_00: no family predicts better.
+    pub noise: f64,
+    /// In words.
+    pub reason: String,
+}
+
+/// Data held out together: exitant directions of a quarter of the zone, or all lobes of one degree l >= 1.
+fn folds(observations: &Observations) -> Vec<Vec<bool>> {
+    const QUARTERS: usize = 4;
+    let rings = observations.grid.rings();
+    let by_ring = (0..QUARTERS).map(|q| {
+        let marked = observations.stations.iter().flat_map(|s| {
+            let out = s.ring * QUARTERS / rings == q;
+            observations.terms.iter().map(move |_| out)
+        });
+        marked.collect::<Vec<bool>>()
+    });
+    let by_degree = (1..=observations.order).map(|l| {
+        let out: Vec<bool> = observations.terms.iter().map(|&k| crate::basis::lm(k).0 == l).collect();
+        observations.stations.iter().flat_map(|_| out.clone()).collect()
+    });
+    let counted = |f: &Vec<bool>| f.contains(&true) && f.contains(&false);
+    by_ring.chain(by_degree).filter(counted).collect()
+}
+
+/// RMS over held-out data of the prediction's error, over `dc`.
+pub(super) fn predicted_error<'d>(
+    fitted: &Fitted,
+    likelihood: &Likelihood<'_>,
+    dictionary: impl Fn() -> &'d Dictionary,
+    observations: &Observations,
+) -> f64 {
+    let (mut sum, mut count) = (0.0, 0usize);
+    for out in folds(observations) {
+        let seen = likelihood.without(&out);
+        let minimum = match fitted.method {
+            FitMethod::Dbrdf => dictionary().dbrdf(&seen).1,
+            FitMethod::Mixture => dictionary().mixture(&seen).1,
+            _ => polish(fitted.family.as_ref(), &seen, &fitted.minimum.theta),
+        };
+        for c in 0..3 {
+            let prediction = likelihood.predict(&minimum.columns, &minimum.solution.x, c);
+            for i in (0..out.len()).filter(|&i| out[i]) {
+                sum += (prediction[i] - likelihood.z[c][i]).powi(2);
+                count += 1;
+            }
+        }
+    }
+    (sum / count.max(1) as f64).sqrt() / observations.dc()
+}
+
+/// The index of the candidate to take: up the ladder, each step for a fifth less error. Fits that failed are passed over.
+pub(super) fn choose(candidates: &[Candidate]) -> usize {
+    let mut chosen = 0;
+    for (i, candidate) in candidates.iter().enumerate().skip(1) {
+        if candidate.successful && candidate.predicted_error < (1.0 - PRICE) * candidates[chosen].predicted_error {
+            chosen = i;
+        }
+    }
+    chosen
+}
+
+/// The choice in words.
+pub(super) fn reason(candidates: &[Candidate], chosen: usize, noise: f64) -> String {
+    let percent = |e: f64| format!("{:.2}%", 100.0 * e);
+    let winner = &candidates[chosen];
+    let best = candidates.iter().min_by(|a, b| a.predicted_error.total_cmp(&b.predicted_error)).expect("candidates");
+    let mut text = format!(
+        "{} predicts held-out coefficients to {} of z_00 (noise {})",
+        winner.model,
+        percent(winner.predicted_error),
+        percent(noise)
+    );
+    if let Some(simpler) = chosen.checked_sub(1).map(|i| &candidates[i]) {
+        text += &format!("; {} to {}", simpler.model, percent(simpler.predicted_error));
+    }
+    if best.model != winner.model {
+        text += &format!(
+            "; {} is best with {}, less than {:.0}% better",
+            best.model,
+            percent(best.predicted_error),
+            100.0 * PRICE
+        );
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ladder(errors: &[f64]) -> Vec<Candidate> {
+        let models = [FitMethod::Lambert, FitMethod::Ggx, FitMethod::Ggx2, FitMethod::Mixture];
+        let candidate = |(&model, &predicted_error): (&FitMethod, &f64)| Candidate {
+            model,
+            predicted_error,
+            fitted_error: predicted_error,
+            successful: true,
+        };
+        models.iter().zip(errors).map(candidate).collect()
+    }
+
+    #[test]
+    fn richer_models_pay() {
+        assert_eq!(choose(&ladder(&[0.01, 0.0099, 0.0098, 0.0097])), 0);
+        assert_eq!(choose(&ladder(&[0.3, 0.01, 0.009, 0.0085])), 1);
+        assert_eq!(choose(&ladder(&[0.3, 0.1, 0.05, 0.01])), 3);
+        // A step that does not pay does not bar a later one that does.
+        assert_eq!(choose(&ladder(&[0.3, 0.1, 0.09, 0.05])), 3);
+        let mut failed = ladder(&[0.3, 0.01, 0.05, 0.05]);
+        failed[1].successful = false;
+        assert_eq!(choose(&failed), 2);
+        assert!(reason(&ladder(&[0.01, 0.0099]), 0, 0.001).contains("less than 20% better"));
+    }
+}
