@@ -4,8 +4,8 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use zonal::geometry::Direction;
-use zonal::reflectance::{Brdf, NeuralBrdf, Rgl, abc_materials, open};
+use zonal::geometry::{Direction, Zone};
+use zonal::reflectance::{Brdf, Metric, NeuralBrdf, Rgl, abc_materials, open};
 
 /// Mitsuba computes in f32, where the polar angle of a half vector errs by some 1e-7 rad; the inverse warp of a glossy
 /// material turns that into this much near its peak ...
@@ -67,6 +67,21 @@ fn rgl_files_conserve_energy_and_are_named() {
             assert!(albedo.iter().all(|a| (0.0..=0.97).contains(a)), "{name} at {theta} deg: {albedo:?}");
         }
         assert!(open(path.to_str().unwrap()).is_ok());
+    }
+}
+
+/// The rule against negative truths must not send measured files away.
+#[test]
+fn measured_files_and_fits_pass_as_truths() {
+    let metric = Metric::new(Zone::from_degrees(9.0, 57.0).unwrap());
+    for (name, _) in rgl_rows() {
+        metric.reference(&Rgl::read(corpus("rgl").join(&name)).unwrap()).unwrap_or_else(|e| panic!("{name}: {e}"));
+    }
+    for (row, material) in abc_materials().iter().enumerate() {
+        let neural = NeuralBrdf::read(corpus("merl/nbrdf_merl_f32le.bin"), row).unwrap();
+        let reference = metric.reference(&neural).unwrap_or_else(|e| panic!("row {row}: {e}"));
+        let errors = reference.errors(&material.brdf).unwrap_or_else(|e| panic!("{}: {e}", material.name));
+        assert!(errors.mean.rel_in.is_finite() && errors.mean.log_out.is_finite(), "{}: {errors:?}", material.name);
     }
 }
 

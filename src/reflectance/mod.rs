@@ -10,7 +10,7 @@
 //! | [`Merl`] | half-angle tables, `.binary` files | Matusik 2003 |
 //! | [`NeuralBrdf`] | small networks fitted to MERL materials | Sztrajman 2021 |
 //!
-//! [`open`] finds all but the networks by a name or a path. Evaluation is pure; only the functions called `read` and [`open`]
+//! [`open`] finds all but the networks by a name or a path; [`Metric`] says how far one is from another. Evaluation is pure; only the functions called `read` and [`open`]
 //! touch files. Files are untrusted: whatever is in them, a reader answers with a table or a [`ReadError`].
 //!
 //! ```
@@ -31,6 +31,7 @@ mod half;
 mod lambert;
 mod material;
 mod merl;
+mod metric;
 mod model;
 mod nbrdf;
 mod rgl;
@@ -49,6 +50,9 @@ pub use ggx::{Ggx, GgxLobe};
 pub use lambert::Lambert;
 pub use material::{MaterialError, MaterialInfo, built_in, open};
 pub use merl::Merl;
+pub use metric::{
+    ALBEDO_DEG, ChannelErrors, METRIC_EXITANT_DEG, Metric, MetricError, MetricErrors, PairDeg, Reference, Side,
+};
 pub use model::Model;
 pub use nbrdf::NeuralBrdf;
 pub use rgl::Rgl;
@@ -82,7 +86,7 @@ pub trait Brdf: Send + Sync {
     /// for GGX with alpha >= 0.01 at any angle up to 85 deg, and about 1e-3 for glossy RGL tables, which have kinks.
     /// 0 where `wo` is not above the surface.
     fn albedo(&self, wo: &Direction<Sample>) -> [f64; 3] {
-        integral_about_mirror(|wi| self.eval_cos(wi, wo), wo, ALBEDO_RADIAL, ALBEDO_AROUND)
+        integral_about_mirror(self.towards(wo), wo, ALBEDO_RADIAL, ALBEDO_AROUND)
     }
 
     /// A direction `wi` for the camera at `wo`, from two uniform numbers in [0, 1), with density [`Brdf::pdf`]; None where
