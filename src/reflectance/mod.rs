@@ -8,6 +8,7 @@
 //! | [`Abc`] | fits of 100 MERL materials, built in | Löw 2012 |
 //! | [`Rgl`] | adaptive tables, `.bsdf` files | Dupuy & Jakob 2018 |
 //! | [`Merl`] | half-angle tables, `.binary` files | Matusik 2003 |
+//! | [`Alta`] | scattered directions, `.dat` text files | Belcour 2014 |
 //! | [`NeuralBrdf`] | small networks fitted to MERL materials | Sztrajman 2021 |
 //!
 //! [`open`] finds all but the networks by a name or a path; [`Metric`] says how far one is from another. Evaluation is pure; only the functions called `read` and [`open`]
@@ -24,6 +25,7 @@
 //! ```
 
 mod abc;
+mod alta;
 mod dbrdf;
 mod error;
 mod ggx;
@@ -44,6 +46,7 @@ use crate::geometry::quadrature::{gauss_legendre, tangents};
 use crate::geometry::{Direction, Sample};
 
 pub use abc::{Abc, AbcMaterial, abc_materials};
+pub use alta::Alta;
 pub use dbrdf::{Dbrdf, Density, DensityTerm, gtr2_solid_angle_integral};
 pub use error::ReadError;
 pub use ggx::{Ggx, GgxLobe};
