@@ -164,11 +164,17 @@ fn the_retro_reflective_tape_sends_light_back() {
         println!("{a} and {b} deg: {f:.4} and {g:.4} 1/sr");
         assert!((f / g - 1.0).abs() < RECIPROCITY, "{a} and {b} deg: {f} and {g}");
     }
+    // Sums over the points of the file itself give 0.69..0.75.
     for theta_o in [10.0f64, 45.0, 70.0] {
         let albedo = tape.albedo(&Direction::from_angles(theta_o.to_radians(), 0.3))[0];
         println!("theta_o {theta_o} deg: albedo {albedo:.3}");
-        assert!((0.0..=1.0).contains(&albedo), "{theta_o} deg: {albedo}");
+        assert!((0.65..0.8).contains(&albedo), "{theta_o} deg: {albedo}");
     }
+    // What docs/limits.md says about angles that the file does not hold.
+    let [normal, grazing] =
+        [0.5f64, 85.0].map(|theta_o| tape.albedo(&Direction::from_angles(theta_o.to_radians(), 0.3))[0]);
+    println!("albedo {normal:.3} at the normal, {grazing:.3} at 85 deg");
+    assert!((0.45..0.6).contains(&normal) && (1.0..1.15).contains(&grazing), "{normal} {grazing}");
     Metric::new(Zone::from_degrees(9.0, 57.0).unwrap()).reference(&tape).unwrap();
     let grid = || (0..30).map(|k| (f64::from(k) * 3.1).to_radians());
     for (theta_i, theta_o, dphi) in grid().flat_map(|i| grid().flat_map(move |o| [0.0, 1.0, 3.0].map(|d| (i, o, d)))) {

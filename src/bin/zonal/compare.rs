@@ -23,8 +23,8 @@ pub struct Args {
     probe: String,
 }
 
-/// Side of a sphere in pixels: twice as many change the difference by less than a tenth of itself.
-const SIZE: usize = 128;
+/// Side of a sphere in pixels: twice as many change the difference by less than 2% of itself.
+const SIZE: usize = 64;
 
 /// The zone of "MIN,MAX" in degrees.
 fn zone(text: &str) -> Result<Zone, String> {

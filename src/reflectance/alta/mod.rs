@@ -19,8 +19,6 @@ use scattered::{NEIGHBOURS, Point, Scattered};
 const MIN_COS: f64 = 1e-4;
 /// Incidences closer than this, radians, are one.
 const SAME_INCIDENCE: f64 = 1e-6;
-/// How far from the normal the two moves of a view direction (see [`Alta`]) mix at least, radians.
-const MIN_MIX: f64 = 15.0 * std::f64::consts::PI / 180.0;
 
 /// An isotropic material measured at a few incidences, each over scattered view directions; one channel, taken as gray.
 ///
@@ -29,11 +27,11 @@ const MIN_MIX: f64 = 15.0 * std::f64::consts::PI / 180.0;
 /// phi_l, radians; wi = wo lies at (theta_l, theta_l, 0). Values are f (`INV_STERADIAN`) or f cos(theta_v), the cosine of
 /// the *camera* (`INV_STERADIAN_COSINE_FACTOR`); [`Brdf::eval`] takes it out.
 ///
-/// f cos(theta_o) is interpolated. Within an incidence it is a mean of the eight nearest view directions
-/// ([`Scattered`]). Between incidences it is linear in theta_i after the view direction was moved along the plane of
-/// incidence by what theta_i differs: on the light's side with the light, on the other side with the mirror direction,
-/// and between these by a mixture of both. So backscatter stays at wi = wo and the gloss at the mirror direction, each
-/// with its shape and energy. Before the first and beyond the last incidence the nearest is moved alike. Not reciprocal.
+/// f cos(theta_o) is interpolated. Within an incidence it is a mean of the eight nearest view directions,
+/// the nearer the heavier. Between incidences it is linear in theta_i after the view direction was moved along the plane of
+/// incidence by what theta_i differs: with the light on its side, with the mirror direction on the other, and by less
+/// between the two. So backscatter stays at wi = wo and the gloss at the mirror direction, and neither is seen twice.
+/// Before the first and beyond the last incidence the nearest is moved alike. Not reciprocal.
 #[derive(Debug, Clone)]
 pub struct Alta {
     /// In ascending order of theta_i, at least one.
@@ -119,19 +117,13 @@ impl Alta {
 impl Incidence {
     /// The value for another incidence: see [`Alta`].
     fn moved_to(&self, theta_i: f64, view: &Vector3<f64>) -> f64 {
-        let turn = self.theta_i - theta_i;
-        let mix = theta_i.max(MIN_MIX);
-        let with_mirror = ((mix - plane(view).0) / (2.0 * mix)).clamp(0.0, 1.0);
-        let at = |turn: f64| {
-            let (sin, cos) = turn.sin_cos();
-            let (x, y) = plane(&Vector3::new(cos * view.x + sin * view.z, view.y, cos * view.z - sin * view.x));
-            self.f_cos_o.at(x, y)
-        };
-        match with_mirror {
-            0.0 => at(turn),
-            1.0 => at(-turn),
-            share => (1.0 - share) * at(turn) + share * at(-turn),
-        }
+        // Half of the way from the normal to a lobe moves as the lobe does, which keeps its shape.
+        let inner = theta_i - 0.5 * theta_i.min(self.theta_i);
+        let along = plane(view).0;
+        let share = if along.abs() < inner { along / inner } else { 1f64.copysign(along) };
+        let (sin, cos) = (share * (self.theta_i - theta_i)).sin_cos();
+        let (x, y) = plane(&Vector3::new(cos * view.x + sin * view.z, view.y, cos * view.z - sin * view.x));
+        self.f_cos_o.at(x, y)
     }
 }
 

@@ -4,8 +4,8 @@ use std::f64::consts::FRAC_PI_2;
 
 /// Neighbours that make up a value.
 pub(super) const NEIGHBOURS: usize = 8;
-/// Points in a cell of the search grid, on average.
-const PER_CELL: usize = 4;
+/// Cells of the search grid for each point: files are dense at their lobes, and there a cell must not hold many.
+const CELLS_PER_POINT: usize = 2;
 /// Cells along a side, at most: what a file can ask for is bounded.
 const MAX_SIDE: usize = 256;
 /// Nearer than this, radians, the point's own value is the answer.
@@ -38,7 +38,7 @@ impl Scattered {
     /// At least [`NEIGHBOURS`] + 1 points.
     pub fn new(mut points: Vec<Point>) -> Self {
         assert!(points.len() > NEIGHBOURS);
-        let side = points.len().div_ceil(PER_CELL).isqrt().clamp(1, MAX_SIDE);
+        let side = (points.len() * CELLS_PER_POINT).isqrt().clamp(1, MAX_SIDE);
         points.sort_by_key(|p| cell(p.x, p.y, side));
         let starts = (0..=side * side)
             .map(|c| points.partition_point(|p| cell(p.x, p.y, side) < (c / side, c % side)))
@@ -69,16 +69,20 @@ impl Scattered {
         let mut near = [(f64::INFINITY, 0.0); NEIGHBOURS + 1];
         let (row, column) = cell(x, y, self.side);
         let width = 2.0 * FRAC_PI_2 / self.side as f64;
+        let visit = |near: &mut [(f64, f64)], r: usize, c: usize| {
+            let at = r * self.side + c;
+            for p in &self.points[self.starts[at]..self.starts[at + 1]] {
+                insert(near, ((p.x - x).powi(2) + (p.y - y).powi(2), p.value));
+            }
+        };
         for ring in 0..self.side {
+            let columns = column.saturating_sub(ring)..=(column + ring).min(self.side - 1);
             for r in row.saturating_sub(ring)..=(row + ring).min(self.side - 1) {
-                let whole_row = r.abs_diff(row) == ring;
-                for c in column.saturating_sub(ring)..=(column + ring).min(self.side - 1) {
-                    if whole_row || c.abs_diff(column) == ring {
-                        let at = r * self.side + c;
-                        for p in &self.points[self.starts[at]..self.starts[at + 1]] {
-                            insert(&mut near, ((p.x - x).powi(2) + (p.y - y).powi(2), p.value));
-                        }
-                    }
+                if r.abs_diff(row) == ring {
+                    columns.clone().for_each(|c| visit(&mut near, r, c));
+                } else {
+                    let ends = [column.checked_sub(ring), Some(column + ring).filter(|&c| c < self.side)];
+                    ends.into_iter().flatten().for_each(|c| visit(&mut near, r, c));
                 }
             }
             // Points not looked at are further away than this many whole cells.
@@ -98,8 +102,8 @@ fn cell(x: f64, y: f64, side: usize) -> (usize, usize) {
 
 /// Keeps the list sorted; the farthest drops out.
 fn insert(near: &mut [(f64, f64)], point: (f64, f64)) {
-    let place = near.partition_point(|n| n.0 <= point.0);
-    if place < near.len() {
+    if point.0 < near[near.len() - 1].0 {
+        let place = near.partition_point(|n| n.0 <= point.0);
         near[place..].rotate_right(1);
         near[place] = point;
     }
