@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use thiserror::Error;
 
-use super::{Brdf, Ggx, Lambert, Merl, ReadError, Rgl, abc_materials};
+use super::{Alta, Brdf, Ggx, Lambert, Merl, ReadError, Rgl, abc_materials};
 
 /// A material that cannot be opened.
 #[derive(Debug, Error)]
@@ -14,7 +14,9 @@ pub enum MaterialError {
     #[error(transparent)]
     Read(#[from] ReadError),
     /// A path of a kind no reader handles.
-    #[error("{path} is no material file: give a .bsdf (RGL) or .binary (MERL) file, or a name from `zonal materials`")]
+    #[error(
+        "{path} is no material file: give a .bsdf (RGL), .binary (MERL) or .dat (ALTA) file, or a name from `zonal materials`"
+    )]
     UnknownKind {
         /// The path asked for.
         path: String,
@@ -61,7 +63,7 @@ const GGX: [(&str, [f64; 2]); 6] = [
     ("ggx-0.1-0.4", [0.1, 0.4]),
 ];
 
-/// Opens a material: a path that ends in `.bsdf` (RGL) or `.binary` (MERL), or the name of a built-in one.
+/// Opens a material: a path that ends in `.bsdf` (RGL), `.binary` (MERL) or `.dat` (ALTA), or the name of a built-in one.
 ///
 /// # Errors
 /// [`MaterialError`]: a file that cannot be used, or a name that is not known, with the names most like it.
@@ -74,6 +76,7 @@ pub fn open(name_or_path: &str) -> Result<Arc<dyn Brdf>, MaterialError> {
     match extension.as_deref() {
         Some("bsdf") => Ok(Arc::new(Rgl::read(path)?)),
         Some("binary") => Ok(Arc::new(Merl::read(path)?)),
+        Some("dat") => Ok(Arc::new(Alta::read(path)?)),
         _ if path.components().count() > 1 || path.is_file() => {
             Err(MaterialError::UnknownKind { path: name_or_path.into() })
         }

@@ -9,9 +9,10 @@
 //! | [`Abc`] | fits of 100 MERL materials, built in | Löw 2012 |
 //! | [`Rgl`] | adaptive tables, `.bsdf` files | Dupuy & Jakob 2018 |
 //! | [`Merl`] | half-angle tables, `.binary` files | Matusik 2003 |
+//! | [`Alta`] | scattered directions, `.dat` text files | Belcour 2014 |
 //! | [`NeuralBrdf`] | small networks fitted to MERL materials | Sztrajman 2021 |
 //!
-//! [`open`] finds all but the networks by a name or a path. Evaluation is pure; only the functions called `read` and [`open`]
+//! [`open`] finds all but the networks by a name or a path; [`Metric`] says how far one is from another. Evaluation is pure; only the functions called `read` and [`open`]
 //! touch files. Files are untrusted: whatever is in them, a reader answers with a table or a [`ReadError`].
 //!
 //! ```
@@ -25,6 +26,7 @@
 //! ```
 
 pub(crate) mod abc;
+mod alta;
 pub(crate) mod dbrdf;
 mod error;
 pub(crate) mod ggx;
@@ -32,6 +34,7 @@ mod half;
 mod lambert;
 mod material;
 mod merl;
+mod metric;
 mod mixture;
 mod model;
 mod nbrdf;
@@ -45,6 +48,7 @@ use crate::geometry::quadrature::{gauss_legendre, tangents};
 use crate::geometry::{Direction, Sample};
 
 pub use abc::{Abc, AbcMaterial, abc_materials};
+pub use alta::Alta;
 pub use dbrdf::{Dbrdf, Density, DensityTerm, gtr2_solid_angle_integral};
 pub use error::ReadError;
 pub use ggx::{Ggx, GgxLobe};
@@ -52,6 +56,9 @@ pub use lambert::Lambert;
 pub(crate) use material::most_alike;
 pub use material::{MaterialError, MaterialInfo, built_in, open};
 pub use merl::Merl;
+pub use metric::{
+    ALBEDO_DEG, ChannelErrors, METRIC_EXITANT_DEG, Metric, MetricError, MetricErrors, PairDeg, Reference, Side,
+};
 pub use mixture::{HalfLobe, Mixture};
 pub use model::Model;
 pub use nbrdf::NeuralBrdf;
@@ -86,7 +93,7 @@ pub trait Brdf: Send + Sync {
     /// for GGX with alpha >= 0.01 at any angle up to 85 deg, and about 1e-3 for glossy RGL tables, which have kinks.
     /// 0 where `wo` is not above the surface.
     fn albedo(&self, wo: &Direction<Sample>) -> [f64; 3] {
-        integral_about_mirror(|wi| self.eval_cos(wi, wo), wo, ALBEDO_RADIAL, ALBEDO_AROUND)
+        integral_about_mirror(self.towards(wo), wo, ALBEDO_RADIAL, ALBEDO_AROUND)
     }
 
     /// A direction `wi` for the camera at `wo`, from two uniform numbers in [0, 1), with density [`Brdf::pdf`]; None where

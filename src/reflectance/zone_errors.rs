@@ -1,14 +1,18 @@
-//! How far a reconstruction is from the truth, inside and outside the measured zone.
+//! How much of the truth a conversion lost, inside and outside the measured zone.
 
 use crate::geometry::quadrature::polar_about_mirror;
 use crate::geometry::{Direction, Sample, Zone};
 
 use super::Brdf;
+use super::metric::{NODES, mean};
 
 /// Polar angles of the exitant directions compared, degrees; phi_o = 0.
 pub const EXITANT_DEG: [f64; 4] = [10.0, 25.0, 40.0, 55.0];
 
 /// Errors of f_cos relative to its RMS over the hemisphere, mean of the colour channels.
+///
+/// Asks what a conversion made of the incident directions, for `wo` that were measured. To judge a model at all pairs of
+/// directions, take [`super::Metric`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ZoneErrors {
     /// RMS difference over incident directions in the zone.
@@ -20,7 +24,7 @@ pub struct ZoneErrors {
 impl ZoneErrors {
     /// Compares `model` with `truth`: mean over [`EXITANT_DEG`] of the relative RMS over incident directions.
     pub fn new(model: &dyn Brdf, truth: &dyn Brdf, zone: Zone) -> Self {
-        Self::of(|wi, wo| gray(model.eval_cos(wi, wo)), truth, zone)
+        Self::of(|wi, wo| mean(&model.eval_cos(wi, wo)), truth, zone)
     }
 
     /// The same for a model given as f_cos(wi, wo), mean of its channels.
@@ -30,8 +34,8 @@ impl ZoneErrors {
             let wo = Direction::from_angles(theta_o.to_radians(), 0.0);
             let (mut power, mut omega) = (0.0, 0.0);
             let mut parts = [(0.0, 0.0); 2];
-            for (wi, w) in polar_about_mirror(&wo, 96, 128, std::f64::consts::FRAC_PI_2) {
-                let f = gray(truth.eval_cos(&wi, &wo));
+            for (wi, w) in polar_about_mirror(&wo, NODES[0], NODES[1], std::f64::consts::FRAC_PI_2) {
+                let f = mean(&truth.eval_cos(&wi, &wo));
                 let part = &mut parts[usize::from(!zone.contains(wi.theta()))];
                 part.0 += w * (model(&wi, &wo) - f).powi(2);
                 part.1 += w;
@@ -46,10 +50,6 @@ impl ZoneErrors {
         }
         errors
     }
-}
-
-fn gray(rgb: [f64; 3]) -> f64 {
-    rgb.iter().sum::<f64>() / 3.0
 }
 
 #[cfg(test)]

@@ -8,11 +8,12 @@ use anyhow::Context;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use zonal::calibrate::{CalibrateError, CalibrationSet};
 use zonal::capture::CaptureError;
+use zonal::export::ShMaterial;
 use zonal::measure::MeasureError;
 use zonal::optics::Rig;
 use zonal::patterns::Plan;
 use zonal::reduce::ReduceError;
-use zonal::reflectance::Brdf;
+use zonal::reflectance::{Brdf, open};
 use zonal::store;
 use zonal::twin::{TwinBench, TwinConfig};
 
@@ -34,6 +35,11 @@ pub fn rig(path: &Path) -> anyhow::Result<Rig> {
 pub fn plan(path: &Path) -> anyhow::Result<Plan> {
     let text = store::read_text(path)?;
     Plan::from_toml(&text).with_context(|| path.display().to_string())
+}
+
+/// A material from any file or name that stands for one.
+pub fn material(name: &str) -> anyhow::Result<Arc<dyn Brdf>> {
+    if name.ends_with(".exr") { Ok(Arc::new(ShMaterial::read(Path::new(name))?)) } else { Ok(open(name)?) }
 }
 
 /// A progress bar over frames on stderr, with the rig's time left; silent where nobody watches.
@@ -58,7 +64,7 @@ pub fn calibration(folder: Option<&Path>, rig: &Rig, config: &TwinConfig) -> any
     if let Some(folder) = folder {
         return Ok(CalibrationSet::read(folder, rig)?);
     }
-    let mut bench = TwinBench::new(rig, for_calibration(config), zonal::reflectance::open("gray-card")?);
+    let mut bench = TwinBench::new(rig, for_calibration(config), open("gray-card")?);
     Ok(CalibrationSet::make(rig, &mut bench, &mut frames_bar("calibrate"))?)
 }
 

@@ -26,7 +26,7 @@ pub struct Args {
     /// Folder for the page, the run and the coefficients.
     #[arg(long, default_value = "zonal-demo")]
     out: PathBuf,
-    /// Material to measure: a .bsdf or .binary file, or a name of `zonal materials`.
+    /// Material to measure: a .bsdf, .binary or .dat file, or a name of `zonal materials`.
     #[arg(long, default_value = "red-plastic")]
     material: String,
     /// Seed of the simulated noise.

@@ -2,6 +2,7 @@
 
 mod calibrate;
 mod common;
+mod compare;
 mod convert;
 mod demo;
 mod materials;
@@ -51,6 +52,8 @@ enum Command {
     Reduce(reduce::Args),
     /// Turns a run's zonal coefficients into spherical harmonics.
     Convert(convert::Args),
+    /// How far a model is from the truth.
+    Compare(compare::Args),
     /// Spheres of a material or a converted run.
     Render(render::Args),
 }
@@ -71,6 +74,7 @@ fn main() -> ExitCode {
         Command::Measure(args) => measure::run(&args),
         Command::Reduce(args) => reduce::run(&args),
         Command::Convert(args) => convert::run(&args),
+        Command::Compare(args) => compare::run(&args),
         Command::Render(args) => render::run(&args),
     };
     match result {

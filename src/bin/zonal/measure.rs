@@ -18,7 +18,7 @@ pub struct Args {
     /// Run folder to create.
     #[arg(long)]
     out: PathBuf,
-    /// Measure this material on the simulated rig: a .bsdf or .binary file, or a name of `zonal materials`.
+    /// Measure this material on the simulated rig: a .bsdf, .binary or .dat file, or a name of `zonal materials`.
     #[arg(long, value_name = "MATERIAL")]
     simulate: Option<String>,
     /// Seed of the simulated noise.

@@ -1,19 +1,16 @@
 //! `zonal render`.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use nalgebra::Vector3;
-use zonal::export::ShMaterial;
 use zonal::geometry::Direction;
-use zonal::reflectance::{Brdf, open};
 use zonal::render::{Image, Probe, sphere_directional, sphere_probe};
 
 use crate::common::{self, BadUsage, Report};
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// A converted run (.exr), a measured file (.bsdf, .binary) or a name of `zonal materials`.
+    /// A converted run (.exr), a measured file (.bsdf, .binary, .dat) or a name of `zonal materials`.
     model: String,
     /// PNG or EXR to write.
     #[arg(long)]
@@ -32,9 +29,9 @@ pub struct Args {
     exposure: f32,
 }
 
-/// A material from any file or name that stands for one.
-pub fn material(name: &str) -> anyhow::Result<Arc<dyn Brdf>> {
-    if name.ends_with(".exr") { Ok(Arc::new(ShMaterial::read(Path::new(name))?)) } else { Ok(open(name)?) }
+/// A light probe from a file, or the one built in.
+pub fn probe(name: &str) -> anyhow::Result<Probe> {
+    if name == "studio" { Ok(Probe::studio()) } else { Ok(Probe::read(Path::new(name))?) }
 }
 
 /// The light of a directional picture: from above, to the right, towards the viewer.
@@ -55,14 +52,10 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
         Some("png") => false,
         _ => return Err(BadUsage(format!("{}: name a .png or .exr file", out.display())).into()),
     };
-    let probe = match args.probe.as_deref() {
-        None => None,
-        Some("studio") => Some(Probe::studio()),
-        Some(path) => Some(Probe::read(Path::new(path))?),
-    };
+    let probe = args.probe.as_deref().map(probe).transpose()?;
     let mut spheres = Vec::new();
     for name in std::iter::once(&args.model).chain(&args.beside) {
-        let brdf = material(name)?;
+        let brdf = common::material(name)?;
         spheres.push(match &probe {
             Some(probe) => sphere_probe(brdf.as_ref(), probe, args.size),
             None => sphere_directional(brdf.as_ref(), key_light(), [std::f64::consts::PI; 3], args.size),
