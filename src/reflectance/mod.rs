@@ -52,7 +52,8 @@ pub use merl::Merl;
 pub use model::Model;
 pub use nbrdf::NeuralBrdf;
 pub use rgl::Rgl;
-pub use tensor::TensorFile;
+pub(crate) use rgl::{Flattening, Table, Taps, theta_of_u, u_of_theta};
+pub use tensor::{TensorFile, TensorWriter};
 pub use zone_errors::{EXITANT_DEG, ZoneErrors};
 
 /// f_cos as a function of `wi`, 1/sr, linear RGB.

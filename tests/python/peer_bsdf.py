@@ -1,0 +1,65 @@
+"""Exported .bsdf files in Mitsuba 3 (variant scalar_rgb): `peer_bsdf.py cases.json`, from tests/peers_bsdf.rs.
+
+Mitsuba's si.wi is the camera and the argument of eval the light; the value holds the light's cosine.
+"""
+import json
+import os
+import sys
+
+import mitsuba as mi
+import numpy as np
+
+mi.set_variant("scalar_rgb")
+
+
+def evaluator(file):
+    bsdf = mi.load_dict({"type": "measured", "filename": file})
+    context, si = mi.BSDFContext(), mi.SurfaceInteraction3f()
+
+    def f_cos(light, camera):
+        si.wi = mi.Vector3f(camera)
+        return np.array(bsdf.eval(context, si, mi.Vector3f(light)), dtype=float)
+
+    def pdf_and_samples(camera, rng, count):
+        """Mean weight of Mitsuba's own samples: the albedo without quadrature."""
+        si.wi = mi.Vector3f(camera)
+        weights = [np.array(bsdf.sample(context, si, 0.5, mi.Point2f(rng.random(2)))[1]) for _ in range(count)]
+        return np.mean(weights, axis=0), np.std(weights, axis=0) / np.sqrt(count)
+
+    return f_cos, pdf_and_samples
+
+
+def main():
+    failed = []
+    rng = np.random.default_rng(1)
+    for case in json.load(open(sys.argv[1])):
+        f_cos, samples = evaluator(case["file"])
+        errors, readers = [], 0.0
+        for light, camera, want, ours in case["pairs"]:
+            got = f_cos(light, camera)
+            errors.append(np.abs(got / np.array(want) - 1).max())
+            readers = max(readers, (np.abs(got - ours) / np.maximum(np.abs(got), 0.01)).max())
+        median, p95, worst = np.quantile(errors, [0.5, 0.95, 1.0])
+        albedos = []
+        for row in case["albedos"]:
+            sums = np.zeros((2, 3))
+            for light, weight, want in row["nodes"]:
+                sums += weight * np.array([f_cos(light, row["wo"]), want])
+            albedo = (sums[0] / sums[1] - 1)[np.abs(sums[0] / sums[1] - 1).argmax()]
+            mean, error = samples(row["wo"], rng, 4000)
+            noise = np.abs((mean - sums[0]) / error).max()
+            albedos.append((albedo, noise, (error / mean).max()))
+        size = os.path.getsize(case["file"])
+        print(
+            f"{case['name']:14} {size:9} B  median {median:.3%}  p95 {p95:.3%}  max {worst:.1%}  readers differ by {readers:.1e}"
+            + "  albedo " + " ".join(f"{a:+.3%} (samples {n:.1f} sigma of {e:.2%})" for a, n, e in albedos)
+        )
+        within = median <= case["median"] and p95 <= case["p95"] and readers <= case["readers"]
+        # Four standard errors of 4,000 samples: one false alarm in some hundred runs of all, and the seed is fixed.
+        if not (within and all(abs(a) <= case["albedo"] and n < 4 for a, n, _ in albedos)):
+            failed.append(case["name"])
+    if failed:
+        sys.exit("above tolerance: " + ", ".join(failed))
+
+
+main()
