@@ -35,6 +35,9 @@ const ANISOTROPIC_P95: f64 = 0.04;
 /// Of the directional albedo, relative.
 const ALBEDO: f64 = 0.005;
 const ANISOTROPIC_ALBEDO: f64 = 0.01;
+/// The same for two narrow lobes of low F0: their Fresnel term grows fivefold towards 70 deg, and lines between exitant
+/// angles lie above it.
+const TWO_LOBES_ALBEDO: f64 = 0.008;
 /// Mitsuba computes in f32 and our reader in f64, relative to the larger of the value and 0.01.
 const F32: f64 = 5e-4;
 /// Bytes.
@@ -90,7 +93,11 @@ fn case(name: &str, brdf: &dyn Brdf, file: &Path) -> Value {
         "albedos": albedos,
         "median": if isotropic { MEDIAN } else { ANISOTROPIC_MEDIAN },
         "p95": if isotropic { P95 } else { ANISOTROPIC_P95 },
-        "albedo": if isotropic { ALBEDO } else { ANISOTROPIC_ALBEDO },
+        "albedo": match name {
+            "two lobes" => TWO_LOBES_ALBEDO,
+            _ if isotropic => ALBEDO,
+            _ => ANISOTROPIC_ALBEDO,
+        },
         "readers": F32,
     })
 }

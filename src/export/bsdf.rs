@@ -46,7 +46,7 @@ eval's wo the light, the result f cos. pbrt: f divides by cos. Linear RGB, 1/sr.
 /// The camera's last angle: beyond it tables are constant, and f_cos grows too fast for a line between angles.
 const THETA_MAX_DEG: f64 = 86.0;
 /// Exponent of the spacing of exitant angles, below 1 for angles that lie closer towards grazing.
-const THETA_SPACING: f64 = 0.7;
+const THETA_SPACING: f64 = 0.6;
 /// Backscatter is asked for up to here: beyond, 1 / cos(theta) runs away.
 const BACKSCATTER_MAX_DEG: f64 = 88.0;
 /// Share of the mean that `ndf` never falls below, since values are divided by it.
@@ -72,7 +72,7 @@ struct Resolution {
 
 /// 0.97 MB. Maps that do not depend on an azimuth have two equal rows, the fewest a reader takes: Mitsuba 3.9 may turn an
 /// isotropic file's camera by half a turn (mitsuba-renderer/mitsuba3#1850), which then changes nothing.
-const ISOTROPIC: Resolution = Resolution { exitant: [1, 24], side: 44, vndf: [24, 96], ndf: [2, 512], sigma: [2, 64] };
+const ISOTROPIC: Resolution = Resolution { exitant: [1, 30], side: 40, vndf: [20, 80], ndf: [2, 512], sigma: [2, 64] };
 /// 12 MB. All azimuths, since pbrt and powitacq refuse files reduced by symmetry.
 const ANISOTROPIC: Resolution =
     Resolution { exitant: [25, 16], side: 32, vndf: [48, 64], ndf: [256, 256], sigma: [48, 48] };
