@@ -15,6 +15,7 @@ use std::f64::consts::PI;
 use std::path::Path;
 use std::sync::Arc;
 
+use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde_json::{Value, json};
@@ -22,6 +23,7 @@ use zonal::export::write_bsdf;
 use zonal::geometry::quadrature::polar_about_mirror;
 use zonal::geometry::{Direction, Sample};
 use zonal::reflectance::{Brdf, Dbrdf, Density, DensityTerm, Ggx, GgxLobe, Rgl, open};
+use zonal::render::{Probe, Shape};
 
 const PAIRS: usize = 3000;
 /// Both directions lie within it: beyond, f_cos vanishes and relative errors mean little.
@@ -116,4 +118,41 @@ fn mitsuba_evaluates_the_source_model() {
         })
         .collect();
     common::ask("peer_bsdf.py", &json!(cases));
+}
+
+/// Mean relative difference of pictures: Mitsuba's noise, pixels as areas against points, and the file's error.
+const PICTURE: f64 = 0.02;
+/// Side of a picture, pixels.
+const SIDE: usize = 96;
+
+#[test]
+fn mitsuba_draws_the_picture_of_the_source_model() {
+    let folder = tempfile::tempdir().unwrap();
+    let light = Direction::new(Vector3::new(0.45, 0.55, 0.7));
+    let furnace = Probe::constant([1.0; 3]);
+    let cases: Vec<Value> = ["ggx-0.1", "ggx-0.4", "violet-acrylic"]
+        .iter()
+        .flat_map(|name| {
+            let brdf = open(name).unwrap();
+            let file = folder.path().join(format!("{name}.bsdf"));
+            write_bsdf(brdf.as_ref(), name, &file).unwrap();
+            let directional = Shape::Sphere.directional(brdf.as_ref(), light, [PI; 3], SIDE);
+            let mut cases = vec![json!({
+                "name": format!("{name}, one light"),
+                "file": file,
+                "light": [0.45, 0.55, 0.7],
+                "irradiance": PI,
+                "pixels": directional.pixels,
+            })];
+            // The 512 lights of a probe resolve broad lobes.
+            if *name == "ggx-0.4" {
+                let pixels = Shape::Sphere.in_probe(brdf.as_ref(), &furnace, SIDE).pixels;
+                cases.push(
+                    json!({ "name": format!("{name}, furnace"), "file": file, "radiance": 1.0, "pixels": pixels }),
+                );
+            }
+            cases
+        })
+        .collect();
+    common::ask("peer_render.py", &json!({ "side": SIDE, "tolerance": PICTURE, "cases": cases }));
 }

@@ -111,8 +111,8 @@ impl Brdf for Ggx {
         let mut f = self.kd.map(|kd| kd * FRAC_1_PI);
         for lobe in &self.lobes {
             let shape = lobe.shape(&h, &i, &o);
-            for c in 0..3 {
-                f[c] += shape * (lobe.f0[c] + (lobe.f90[c] - lobe.f0[c]) * s);
+            for (f, (f0, f90)) in f.iter_mut().zip(lobe.f0.into_iter().zip(lobe.f90)) {
+                *f += shape * (f0 + (f90 - f0) * s);
             }
         }
         f

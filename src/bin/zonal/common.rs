@@ -8,11 +8,12 @@ use anyhow::Context;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use zonal::calibrate::{CalibrateError, CalibrationSet};
 use zonal::capture::CaptureError;
+use zonal::export::ShMaterial;
 use zonal::measure::MeasureError;
 use zonal::optics::Rig;
 use zonal::patterns::Plan;
 use zonal::reduce::ReduceError;
-use zonal::reflectance::Brdf;
+use zonal::reflectance::{Brdf, Model, open};
 use zonal::store;
 use zonal::twin::{TwinBench, TwinConfig};
 
@@ -34,6 +35,26 @@ pub fn rig(path: &Path) -> anyhow::Result<Rig> {
 pub fn plan(path: &Path) -> anyhow::Result<Plan> {
     let text = store::read_text(path)?;
     Plan::from_toml(&text).with_context(|| path.display().to_string())
+}
+
+/// A material as commands take it.
+pub struct Material {
+    /// Its values.
+    pub brdf: Arc<dyn Brdf>,
+    /// Its parameters, where it comes from a file that holds a closed form.
+    pub model: Option<Model>,
+    /// What it is and where it comes from.
+    pub history: String,
+}
+
+/// A material from any file or name that stands for one.
+pub fn material(name: &str) -> anyhow::Result<Material> {
+    if name.ends_with(".exr") {
+        let sh = ShMaterial::read(Path::new(name))?;
+        let history = format!("{name}: zonal order {}, method {}; {}", sh.zonal_order, sh.method, sh.history);
+        return Ok(Material { brdf: Arc::new(sh), model: None, history });
+    }
+    Ok(Material { brdf: open(name)?, model: None, history: name.to_owned() })
 }
 
 /// A progress bar over frames on stderr, with the rig's time left; silent where nobody watches.
@@ -58,7 +79,7 @@ pub fn calibration(folder: Option<&Path>, rig: &Rig, config: &TwinConfig) -> any
     if let Some(folder) = folder {
         return Ok(CalibrationSet::read(folder, rig)?);
     }
-    let mut bench = TwinBench::new(rig, for_calibration(config), zonal::reflectance::open("gray-card")?);
+    let mut bench = TwinBench::new(rig, for_calibration(config), open("gray-card")?);
     Ok(CalibrationSet::make(rig, &mut bench, &mut frames_bar("calibrate"))?)
 }
 

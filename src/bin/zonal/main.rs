@@ -4,6 +4,7 @@ mod calibrate;
 mod common;
 mod convert;
 mod demo;
+mod export;
 mod materials;
 mod measure;
 mod patterns;
@@ -51,8 +52,10 @@ enum Command {
     Reduce(reduce::Args),
     /// Turns a run's zonal coefficients into spherical harmonics.
     Convert(convert::Args),
-    /// Spheres of a material or a converted run.
+    /// A sphere or a cylinder of a material or a converted run.
     Render(render::Args),
+    /// A material or a converted run as a file for other programs.
+    Export(export::Args),
 }
 
 fn main() -> ExitCode {
@@ -72,6 +75,7 @@ fn main() -> ExitCode {
         Command::Reduce(args) => reduce::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Render(args) => render::run(&args),
+        Command::Export(args) => export::run(&args),
     };
     match result {
         Ok(report) => {
