@@ -65,11 +65,7 @@ fn converted(path: &Path, holes: std::ops::Range<usize>) {
     let cells = 3 * grid.len();
     let mut values: Vec<f32> =
         gray_card_coefficients(zone, order, 0.18).iter().flat_map(|&z| vec![z as f32; cells]).collect();
-    for k in 0..values.len() {
-        if holes.contains(&(k % grid.len())) {
-            values[k] = f32::NAN;
-        }
-    }
+    values.chunks_exact_mut(grid.len()).for_each(|plane| plane[holes.clone()].fill(f32::NAN));
     let coefficients =
         Coefficients { grid, order, sigma: vec![1e-4; values.len()], values, history: "a gray card".into() };
     let conversion = Conversion::new(Method::Parity, zone, order).unwrap();

@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use thiserror::Error;
 
 use crate::geometry::{Direction, Sample};
-use crate::reflectance::{Brdf, Flattening, Table, Taps, TensorWriter, theta_of_u, u_of_theta};
+use crate::reflectance::{Brdf, Flattening, Table, Taps, TensorWriter, reflect, theta_of_u, u_of_theta};
 use crate::store::{self, StoreError};
 
 /// A BRDF that does not become a `.bsdf` file.
@@ -79,8 +79,9 @@ const ANISOTROPIC: Resolution =
 
 /// Writes a BRDF as an RGL `.bsdf` file, RGB variant, whole or not at all.
 ///
-/// `description` goes into the file, with the conventions behind it. Negative values become 0. Renderers sample the file by its own
-/// tables; [`crate::reflectance::Rgl`] reads it back. Isotropic BRDFs take 1 MB and a fraction of a second, others 12 MB.
+/// `description` goes into the file, with the conventions behind it. Negative values become 0. Renderers sample the file
+/// by its own tables; [`crate::reflectance::Rgl`] reads it back. Isotropic BRDFs take 1 MB and a fraction of a second,
+/// others 12 MB. What is lost on the way stands in `docs/limits.md`.
 ///
 /// # Errors
 /// [`BsdfError`].
@@ -144,11 +145,6 @@ fn direction(u: f64, v: f64) -> Direction<Sample> {
 /// Solid angle over area on the unit square of [`direction`], sr.
 fn jacobian(u: f64) -> f64 {
     TAU * PI * u * theta_of_u(u).sin()
-}
-
-/// The direction that `h` mirrors `wo` to.
-fn reflected(wo: &Vector3<f64>, h: &Vector3<f64>) -> Vector3<f64> {
-    h * (2.0 * h.dot(wo)) - wo
 }
 
 /// A function on the unit square of [`direction`], as readers see it: nodes, bilinear between them.
@@ -237,7 +233,7 @@ impl Slice {
         vndf: [usize; 2],
         side: usize,
     ) -> Result<Self, BsdfError> {
-        let density = density(surface, &wo.vector(), vndf);
+        let density = density(surface, wo, vndf);
         let warp = Flattening::new(vndf[1], vndf[0], &density.values).expect("every row has an even share");
         let sigma = surface.sigma.at(u_of_theta(wo.theta()), 0.5 + wo.phi() / TAU);
         let f_cos_of = brdf.towards(wo);
@@ -246,11 +242,7 @@ impl Slice {
         for k in 0..cells {
             let (u, v) = warp.unflatten(node(k % side, side), node(k / side, side));
             let h = direction(u, v).vector();
-            let wi = reflected(&wo.vector(), &h);
-            if wi.z <= 0.0 {
-                continue;
-            }
-            let wi = Direction::new(wi);
+            let Some(wi) = reflect(wo, &h) else { continue };
             let f_cos = f_cos_of(&wi);
             if f_cos.iter().any(|f| !f.is_finite()) {
                 let [theta_i_deg, theta_o_deg] = [wi.theta(), wo.theta()].map(f64::to_degrees);
@@ -269,12 +261,12 @@ impl Slice {
 }
 
 /// The density on the unit square of half vectors that spreads the nodes of a slice. Integrates to about 1.
-fn density(surface: &Surface, wo: &Vector3<f64>, [rows, columns]: [usize; 2]) -> Map {
+fn density(surface: &Surface, wo: &Direction<Sample>, [rows, columns]: [usize; 2]) -> Map {
     // The lobe, and lights spread over the visible solid angle; densities of wi become those of h by dwi = 4 wo.h dh.
     let parts = |k: usize| {
         let (u, v) = (node(k % columns, columns), node(k / columns, rows));
         let h = direction(u, v).vector();
-        let seen = if reflected(wo, &h).z > 0.0 { h.dot(wo).max(0.0) * jacobian(u) } else { 0.0 };
+        let seen = if reflect(wo, &h).is_some() { h.dot(&wo.vector()).max(0.0) * jacobian(u) } else { 0.0 };
         [seen * (surface.lobe.at(u, v) + LOBE_FLOOR), seen]
     };
     let nodes: Vec<[f64; 2]> = (0..rows * columns).map(parts).collect();

@@ -186,6 +186,9 @@ impl Brdf for Dbrdf {
 
     /// The diffuser by the cosine law, or a half vector from p that mirrors `wo`, chosen by their estimated albedos.
     fn sample(&self, wo: &Direction<Sample>, u: [f64; 2]) -> Option<Direction<Sample>> {
+        if wo.cos_theta() <= 0.0 {
+            return None;
+        }
         let (component, u0) = sampling::choose(self.weights(wo).into_iter(), u[0])?;
         let u = [u0, u[1]];
         if component == 0 { Some(sampling::cosine(u)) } else { sampling::reflect(wo, &self.p.sample(u)?) }

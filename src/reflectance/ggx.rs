@@ -120,6 +120,9 @@ impl Brdf for Ggx {
 
     /// The diffuser by the cosine law or one lobe by its visible half vectors, chosen by their estimated albedos.
     fn sample(&self, wo: &Direction<Sample>, u: [f64; 2]) -> Option<Direction<Sample>> {
+        if wo.cos_theta() <= 0.0 {
+            return None;
+        }
         let (component, u0) = sampling::choose(self.weights(wo), u[0])?;
         match component.checked_sub(1) {
             None => Some(sampling::cosine([u0, u[1]])),

@@ -54,6 +54,7 @@ pub use model::Model;
 pub use nbrdf::NeuralBrdf;
 pub use rgl::Rgl;
 pub(crate) use rgl::{Flattening, Table, Taps, theta_of_u, u_of_theta};
+pub(crate) use sampling::reflect;
 pub use tensor::{TensorFile, TensorWriter};
 pub use zone_errors::{EXITANT_DEG, ZoneErrors};
 

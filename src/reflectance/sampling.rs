@@ -61,7 +61,7 @@ pub(super) fn half_vector(alpha: [f64; 2], u: [f64; 2]) -> Vector3<f64> {
 }
 
 /// The light that `h` mirrors `wo` to; `None` where it is below the surface.
-pub(super) fn reflect(wo: &Direction<Sample>, h: &Vector3<f64>) -> Option<Direction<Sample>> {
+pub(crate) fn reflect(wo: &Direction<Sample>, h: &Vector3<f64>) -> Option<Direction<Sample>> {
     let wi = h * (2.0 * h.dot(&wo.vector())) - wo.vector();
     (wi.z > 0.0).then(|| Direction::new(wi))
 }

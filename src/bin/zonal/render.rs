@@ -36,7 +36,8 @@ pub struct Args {
     /// Another material beside it, e.g. the truth.
     #[arg(long)]
     beside: Option<String>,
-    /// Add the difference to the one beside: as colours in a PNG (red brighter, blue darker, full at the other's mean), signed in an EXR.
+    /// Add the difference to the one beside: signed in an EXR; in a PNG red where brighter, blue where darker, full at the
+    /// mean of the one beside.
     #[arg(long, requires = "beside")]
     difference: bool,
     /// What the material covers.
