@@ -5,9 +5,9 @@ use std::f64::consts::{FRAC_1_PI, PI, TAU};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::Brdf;
 use super::ggx::{gtr2, schlick};
 use super::half::half_vector;
+use super::{Brdf, sampling};
 use crate::geometry::{Direction, Sample};
 
 /// f = kd / pi + c p(h) F(theta_d) / (cos_i + cos_o - cos_i cos_o) with F = r0 + (1 - r0) (1 - cos(theta_d))^5.
@@ -41,6 +41,21 @@ pub enum Density {
     },
 }
 
+/// The half vectors between two knots of a table.
+struct Ring {
+    /// cos(theta_h) at the inner and the outer edge.
+    mu: [f64; 2],
+    /// Mean density, 1/sr.
+    p: f64,
+}
+
+impl Ring {
+    /// Integral of p over the ring, divided by 2 pi.
+    fn weight(&self) -> f64 {
+        self.p * (self.mu[0] - self.mu[1]).max(0.0)
+    }
+}
+
 /// One GGX-shaped density in a mixture.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -69,6 +84,51 @@ impl Density {
                 Box::new(move |h| interpolate(theta_h_deg, p, h.x.hypot(h.y).atan2(h.z).to_degrees()))
             }
         }
+    }
+
+    /// A half vector above the surface from two uniform numbers, with density [`Density::pdf`]; `None` if p is 0 everywhere.
+    ///
+    /// A term of a mixture is drawn as GGX draws it, with p(h) cos(theta_h): the weight f_cos / pdf then stays bounded up to
+    /// the horizon. A table is drawn by the mean of p between its knots, evenly over their solid angle.
+    fn sample(&self, u: [f64; 2]) -> Option<Vector3<f64>> {
+        match self {
+            Self::Mixture(terms) => {
+                let (i, u0) = sampling::choose(terms.iter().map(|t| t.weight), u[0])?;
+                Some(sampling::half_vector(terms[i].alpha, [u0, u[1]]))
+            }
+            Self::Table { .. } => {
+                let rings = self.rings();
+                let (i, u0) = sampling::choose(rings.iter().map(Ring::weight), u[0])?;
+                let [mu0, mu1] = rings[i].mu;
+                Some(Direction::<Sample>::from_mu_phi(mu0 + (mu1 - mu0) * u0, TAU * u[1]).vector())
+            }
+        }
+    }
+
+    /// Density of [`Density::sample`], 1/sr.
+    fn pdf(&self, h: &Vector3<f64>) -> f64 {
+        match self {
+            Self::Mixture(terms) => {
+                sampling::mixture(terms.iter().map(|t| t.weight), terms.iter().map(|t| gtr2(t.alpha, h) * h.z))
+            }
+            Self::Table { .. } => {
+                let inside = |ring: &Ring| if ring.mu[1] <= h.z && h.z < ring.mu[0] { ring.p } else { 0.0 };
+                let rings = self.rings();
+                let total: f64 = rings.iter().map(Ring::weight).sum();
+                if total > 0.0 { rings.iter().map(inside).sum::<f64>() / (TAU * total) } else { 0.0 }
+            }
+        }
+    }
+
+    /// A table's knots as rings from the normal to the horizon; none for a mixture.
+    fn rings(&self) -> Vec<Ring> {
+        let Self::Table { theta_h_deg, p } = self else { return Vec::new() };
+        let ends = [(0.0, p.first()), (90.0, p.last())].map(|(theta, p)| (theta, p.copied().unwrap_or(0.0)));
+        let inner = theta_h_deg.iter().copied().zip(p.iter().copied());
+        let knots: Vec<(f64, f64)> = [ends[0]].into_iter().chain(inner).chain([ends[1]]).collect();
+        // Just above 1, so that the normal itself belongs to the first ring.
+        let mu = |deg: f64| if deg == 0.0 { 1.0 + f64::EPSILON } else { deg.to_radians().cos() };
+        knots.windows(2).map(|k| Ring { mu: [mu(k[0].0), mu(k[1].0)], p: 0.5 * (k[0].1 + k[1].1) }).collect()
     }
 
     /// Whether p depends on theta_h alone.
@@ -138,8 +198,37 @@ impl Brdf for Dbrdf {
         std::array::from_fn(|c| self.kd[c] * FRAC_1_PI + self.c[c] * lobe)
     }
 
+    /// The diffuser by the cosine law, or a half vector from p that mirrors `wo`, chosen by their estimated albedos.
+    fn sample(&self, wo: &Direction<Sample>, u: [f64; 2]) -> Option<Direction<Sample>> {
+        if wo.cos_theta() <= 0.0 {
+            return None;
+        }
+        let (component, u0) = sampling::choose(self.weights(wo).into_iter(), u[0])?;
+        let u = [u0, u[1]];
+        if component == 0 { Some(sampling::cosine(u)) } else { sampling::reflect(wo, &self.p.sample(u)?) }
+    }
+
+    /// The lobe's part is pdf(h) / (4 h.wo), Ghosh 2007 eq. 2.30.
+    fn pdf(&self, wi: &Direction<Sample>, wo: &Direction<Sample>) -> f64 {
+        if wi.cos_theta() <= 0.0 || wo.cos_theta() <= 0.0 {
+            return 0.0;
+        }
+        let h = half_vector(wi, wo);
+        let lobe = self.p.pdf(&h) / (4.0 * h.dot(&wo.vector()));
+        sampling::mixture(self.weights(wo).into_iter(), [sampling::cosine_pdf(wi), lobe].into_iter())
+    }
+
     fn is_isotropic(&self) -> bool {
         self.p.is_isotropic()
+    }
+}
+
+impl Dbrdf {
+    /// Estimated albedos towards `wo` of the diffuser and the lobe; of the lobe's, that of all half vectors near the normal.
+    fn weights(&self, wo: &Direction<Sample>) -> [f64; 2] {
+        let cos_o = wo.cos_theta();
+        let fresnel = self.r0 + (1.0 - self.r0) * schlick(&wo.vector(), &Vector3::z());
+        [sampling::mean(self.kd), sampling::mean(self.c) * fresnel * 4.0 * cos_o / (2.0 - cos_o)]
     }
 }
 

@@ -5,8 +5,8 @@ use std::f64::consts::{FRAC_1_PI, PI};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::Brdf;
 use super::half::half_vector;
+use super::{Brdf, sampling};
 use crate::geometry::{Direction, Sample};
 
 /// f = kd / pi + sum over lobes of D F G2 / (4 cos(theta_i) cos(theta_o)).
@@ -46,6 +46,11 @@ impl Ggx {
         Self { kd: [0.0; 3], lobes: vec![GgxLobe { alpha: [alpha_x, alpha_y], f0, f90: [1.0; 3] }] }
     }
 
+    /// Estimated albedos towards `wo` of the diffuser and the lobes.
+    fn weights(&self, wo: &Direction<Sample>) -> impl Iterator<Item = f64> + Clone {
+        std::iter::once(sampling::mean(self.kd)).chain(self.lobes.iter().map(|lobe| lobe.reflectance(wo)))
+    }
+
     /// The lobes scaled by `ks` on a Lambert part of albedo `kd`.
     pub fn on_lambert(mut self, ks: f64, kd: [f64; 3]) -> Self {
         for lobe in &mut self.lobes {
@@ -58,6 +63,17 @@ impl Ggx {
 }
 
 impl GgxLobe {
+    /// Fresnel reflectance of the macroscopic surface, mean of the channels: about the albedo of the lobe towards `wo`.
+    fn reflectance(&self, wo: &Direction<Sample>) -> f64 {
+        let s = schlick(&wo.vector(), &Vector3::z());
+        sampling::mean(std::array::from_fn(|c| self.f0[c] + (self.f90[c] - self.f0[c]) * s))
+    }
+
+    /// Density of lights drawn by visible half vectors, 1/sr: G1(wo) D(h) / (4 cos(theta_o)).
+    fn pdf(&self, h: &Vector3<f64>, wo: &Vector3<f64>) -> f64 {
+        0.5 * gtr2(self.alpha, h) / (wo.z + self.stretched(wo))
+    }
+
     /// D G2 / (4 cos(theta_i) cos(theta_o)): the lobe for F = 1.
     pub(crate) fn shape(&self, h: &Vector3<f64>, wi: &Vector3<f64>, wo: &Vector3<f64>) -> f64 {
         // G2 / (4 cos_i cos_o) without the division by the cosines.
@@ -100,6 +116,28 @@ impl Brdf for Ggx {
             }
         }
         f
+    }
+
+    /// The diffuser by the cosine law or one lobe by its visible half vectors, chosen by their estimated albedos.
+    fn sample(&self, wo: &Direction<Sample>, u: [f64; 2]) -> Option<Direction<Sample>> {
+        if wo.cos_theta() <= 0.0 {
+            return None;
+        }
+        let (component, u0) = sampling::choose(self.weights(wo), u[0])?;
+        match component.checked_sub(1) {
+            None => Some(sampling::cosine([u0, u[1]])),
+            Some(i) => sampling::reflect(wo, &sampling::visible_half_vector(self.lobes[i].alpha, wo, [u0, u[1]])),
+        }
+    }
+
+    fn pdf(&self, wi: &Direction<Sample>, wo: &Direction<Sample>) -> f64 {
+        if wi.cos_theta() <= 0.0 || wo.cos_theta() <= 0.0 {
+            return 0.0;
+        }
+        let h = half_vector(wi, wo);
+        let densities =
+            [sampling::cosine_pdf(wi)].into_iter().chain(self.lobes.iter().map(|l| l.pdf(&h, &wo.vector())));
+        sampling::mixture(self.weights(wo), densities)
     }
 
     fn is_isotropic(&self) -> bool {

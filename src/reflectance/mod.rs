@@ -39,10 +39,11 @@ mod mixture;
 mod model;
 mod nbrdf;
 mod rgl;
+mod sampling;
 mod tensor;
 mod zone_errors;
 
-use std::f64::consts::{FRAC_1_PI, TAU};
+use std::f64::consts::TAU;
 
 use crate::geometry::quadrature::{gauss_legendre, tangents};
 use crate::geometry::{Direction, Sample};
@@ -63,7 +64,9 @@ pub use mixture::{HalfLobe, Mixture};
 pub use model::Model;
 pub use nbrdf::NeuralBrdf;
 pub use rgl::Rgl;
-pub use tensor::TensorFile;
+pub(crate) use rgl::{Flattening, Table, Taps, theta_of_u, u_of_theta};
+pub(crate) use sampling::reflect;
+pub use tensor::{TensorFile, TensorWriter};
 pub use zone_errors::{EXITANT_DEG, ZoneErrors};
 
 /// f_cos as a function of `wi`, 1/sr, linear RGB.
@@ -101,12 +104,12 @@ pub trait Brdf: Send + Sync {
     ///
     /// Models override both; the default is the cosine law.
     fn sample(&self, _wo: &Direction<Sample>, u: [f64; 2]) -> Option<Direction<Sample>> {
-        Some(Direction::from_mu_phi((1.0 - u[0]).sqrt(), TAU * u[1]))
+        Some(sampling::cosine(u))
     }
 
     /// Density of [`Brdf::sample`] over solid angle, 1/sr; 0 where it never goes.
     fn pdf(&self, wi: &Direction<Sample>, _wo: &Direction<Sample>) -> f64 {
-        wi.cos_theta().max(0.0) * FRAC_1_PI
+        sampling::cosine_pdf(wi)
     }
 
     /// Whether f depends on the azimuths only through phi_i - phi_o (a mirror symmetry is not implied).

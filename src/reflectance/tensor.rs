@@ -112,6 +112,47 @@ impl<'a> TensorFile<'a> {
     }
 }
 
+/// Collects the fields of a tensor file to be written.
+#[derive(Debug, Clone, Default)]
+pub struct TensorWriter {
+    fields: Vec<(String, u8, Vec<usize>, Vec<u8>)>,
+}
+
+impl TensorWriter {
+    /// Adds a field of f32, last dimension fastest. Panics if `values` do not fill `shape`.
+    pub fn f32(&mut self, name: &str, shape: &[usize], values: &[f32]) {
+        assert_eq!(shape.iter().product::<usize>(), values.len(), "field `{name}` of shape {shape:?}");
+        let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        self.fields.push((name.into(), F32, shape.into(), bytes));
+    }
+
+    /// Adds a one-dimensional field of u8.
+    pub fn u8(&mut self, name: &str, bytes: &[u8]) {
+        self.fields.push((name.into(), U8, vec![bytes.len()], bytes.into()));
+    }
+
+    /// The bytes of the file, fields in the order they came.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let header =
+            |(name, _, shape, _): &(String, u8, Vec<usize>, Vec<u8>)| SMALLEST_FIELD + name.len() + 8 * shape.len();
+        let mut offset = MAGIC.len() + 2 + 4 + self.fields.iter().map(header).sum::<usize>();
+        let mut file = MAGIC.to_vec();
+        file.extend([1, 0]);
+        file.extend((self.fields.len() as u32).to_le_bytes());
+        for (name, dtype, shape, bytes) in &self.fields {
+            file.extend((name.len() as u16).to_le_bytes());
+            file.extend(name.as_bytes());
+            file.extend((shape.len() as u16).to_le_bytes());
+            file.push(*dtype);
+            file.extend((offset as u64).to_le_bytes());
+            shape.iter().for_each(|&n| file.extend((n as u64).to_le_bytes()));
+            offset += bytes.len();
+        }
+        self.fields.iter().for_each(|(.., bytes)| file.extend(bytes));
+        file
+    }
+}
+
 /// Reads the header front to back and never past the end.
 struct Header<'a> {
     bytes: &'a [u8],

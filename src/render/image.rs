@@ -66,16 +66,54 @@ impl Image {
         row
     }
 
+    /// Pixel by pixel, this image minus `reference`, signed; `None` if the sizes differ.
+    pub fn difference(&self, reference: &Self) -> Option<Self> {
+        let minus = |(a, b): (&[f32; 3], &[f32; 3])| [0, 1, 2].map(|c| a[c] - b[c]);
+        self.same_size(reference).then(|| {
+            let pixels = self.pixels.iter().zip(&reference.pixels).map(minus).collect();
+            Self { pixels, ..*self }
+        })
+    }
+
+    /// A signed image in colours, linear RGB: white is 0, red `full` or more, blue -`full` or less, in the mean of the channels.
+    pub fn diverging(&self, full: f32) -> Self {
+        let colour = |pixel: &[f32; 3]| {
+            let t = (pixel.iter().sum::<f32>() / (3.0 * full)).clamp(-1.0, 1.0);
+            let fade = 1.0 - t.abs();
+            if t > 0.0 { [1.0, fade, fade] } else { [fade, fade, 1.0] }
+        };
+        Self { pixels: self.pixels.iter().map(colour).collect(), ..*self }
+    }
+
+    /// Mean of all values, pixels and channels alike; 0 of an empty image.
+    pub fn mean(&self) -> f64 {
+        let sum: f64 = self.pixels.iter().flatten().map(|&v| f64::from(v)).sum();
+        sum / (3 * self.pixels.len()).max(1) as f64
+    }
+
+    /// Mean of the absolute difference to `reference` over the mean of `reference`, all pixels and channels alike.
+    ///
+    /// `None` if the sizes differ or the mean of the reference is not positive.
+    pub fn relative_mean(&self, reference: &Self) -> Option<f64> {
+        let difference = self.difference(reference)?;
+        let absolute = Self { pixels: difference.pixels.iter().map(|p| p.map(f32::abs)).collect(), ..difference };
+        let mean = reference.mean();
+        (mean > 0.0).then(|| absolute.mean() / mean)
+    }
+
     /// RMS of the difference to `reference` over the RMS of `reference`, all pixels and channels alike.
     ///
     /// `None` if the sizes differ or the reference is black.
     pub fn relative_rms(&self, reference: &Self) -> Option<f64> {
-        let size = (self.width, self.height) == (reference.width, reference.height);
         let squares = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>();
         let flat = |image: &Self| image.pixels.clone().into_iter().flatten().map(f64::from);
         let power = squares(&mut flat(reference));
-        (size && power > 0.0)
+        (self.same_size(reference) && power > 0.0)
             .then(|| (squares(&mut flat(self).zip(flat(reference)).map(|(a, b)| a - b)) / power).sqrt())
+    }
+
+    fn same_size(&self, other: &Self) -> bool {
+        (self.width, self.height) == (other.width, other.height)
     }
 }
 
@@ -126,12 +164,23 @@ mod tests {
     }
 
     #[test]
+    fn differences_are_white_red_and_blue() {
+        let colour = |value| constant(1, 1, value).diverging(2.0).pixels[0];
+        assert_eq!(colour(0.0), [1.0; 3]);
+        assert_eq!((colour(1.0), colour(5.0)), ([1.0, 0.5, 0.5], [1.0, 0.0, 0.0]));
+        assert_eq!(colour(-2.0), [0.0, 0.0, 1.0]);
+    }
+
+    #[test]
     fn rows_hold_their_images_and_differences_are_relative() {
         let row = Image::side_by_side(&[constant(64, 64, 1.0), constant(32, 32, 2.0)]);
         assert_eq!((row.width, row.height), (98, 64));
         assert_eq!((row.pixels[63][0], row.pixels[65][0], row.pixels[66][0]), (1.0, 0.0, 2.0));
         assert_eq!(Image::side_by_side(&[]), Image::new(0, 0));
         assert!(::image::load_from_memory(&Image::new(0, 0).to_png(1.0)).is_ok());
+        let (a, b) = (constant(4, 4, 0.75), constant(4, 4, 1.0));
+        assert_eq!(a.difference(&b), Some(constant(4, 4, -0.25)));
+        assert_eq!((a.relative_mean(&b), a.difference(&constant(4, 5, 1.0))), (Some(0.25), None));
         let difference = constant(4, 4, 1.1).relative_rms(&constant(4, 4, 1.0)).unwrap();
         assert!((difference - 0.1).abs() < 1e-6);
         assert_eq!(constant(4, 4, 1.0).relative_rms(&constant(4, 5, 1.0)), None);

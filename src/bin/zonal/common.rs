@@ -13,7 +13,7 @@ use zonal::measure::MeasureError;
 use zonal::optics::Rig;
 use zonal::patterns::Plan;
 use zonal::reduce::ReduceError;
-use zonal::reflectance::{Brdf, open};
+use zonal::reflectance::{Brdf, Model, open};
 use zonal::store;
 use zonal::twin::{TwinBench, TwinConfig};
 
@@ -37,9 +37,24 @@ pub fn plan(path: &Path) -> anyhow::Result<Plan> {
     Plan::from_toml(&text).with_context(|| path.display().to_string())
 }
 
+/// A material as commands take it.
+pub struct Material {
+    /// Its values.
+    pub brdf: Arc<dyn Brdf>,
+    /// Its parameters, where it comes from a file that holds a closed form.
+    pub model: Option<Model>,
+    /// What it is and where it comes from.
+    pub history: String,
+}
+
 /// A material from any file or name that stands for one.
-pub fn material(name: &str) -> anyhow::Result<Arc<dyn Brdf>> {
-    if name.ends_with(".exr") { Ok(Arc::new(ShMaterial::read(Path::new(name))?)) } else { Ok(open(name)?) }
+pub fn material(name: &str) -> anyhow::Result<Material> {
+    if name.ends_with(".exr") {
+        let sh = ShMaterial::read(Path::new(name))?;
+        let history = format!("{name}: zonal order {}, method {}; {}", sh.zonal_order, sh.method, sh.history);
+        return Ok(Material { brdf: Arc::new(sh), model: None, history });
+    }
+    Ok(Material { brdf: open(name)?, model: None, history: name.to_owned() })
 }
 
 /// A progress bar over frames on stderr, with the rig's time left; silent where nobody watches.

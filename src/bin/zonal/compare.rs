@@ -3,7 +3,7 @@
 use serde_json::json;
 use zonal::geometry::Zone;
 use zonal::reflectance::{ALBEDO_DEG, Metric};
-use zonal::render::sphere_probe;
+use zonal::render::Shape;
 
 use crate::common::{self, Report};
 use crate::render;
@@ -38,9 +38,9 @@ fn zone(text: &str) -> Result<Zone, String> {
 
 pub fn run(args: &Args) -> anyhow::Result<Report> {
     let probe = render::probe(&args.probe)?;
-    let (model, truth) = (common::material(&args.model)?, common::material(&args.truth)?);
+    let (model, truth) = (common::material(&args.model)?.brdf, common::material(&args.truth)?.brdf);
     let errors = Metric::new(args.zone).errors(truth.as_ref(), model.as_ref())?;
-    let [of_model, of_truth] = [&model, &truth].map(|brdf| sphere_probe(brdf.as_ref(), &probe, SIZE));
+    let [of_model, of_truth] = [&model, &truth].map(|brdf| Shape::Sphere.in_probe(brdf.as_ref(), &probe, SIZE));
     let difference = of_model.relative_rms(&of_truth);
 
     let zone_deg = [args.zone.theta_min(), args.zone.theta_max()].map(f64::to_degrees);

@@ -13,7 +13,7 @@ use zonal::optics::Rig;
 use zonal::patterns::{Plan, Timing};
 use zonal::reduce::Coefficients;
 use zonal::reflectance::{Brdf, ZoneErrors, open};
-use zonal::render::{Image, Probe, sphere_directional, sphere_probe};
+use zonal::render::{Image, Probe, Shape};
 use zonal::report::{AccuracyPoint, DemoReport, MethodRow, Picture, Slice, SpectrumPoint, pattern_png, plane_png};
 use zonal::store;
 use zonal::twin::TwinConfig;
@@ -208,8 +208,8 @@ fn slices(coefficients: &Coefficients, truth: &dyn Brdf) -> anyhow::Result<Vec<S
 fn spheres(sh: &ShMaterial, truth: &dyn Brdf) -> Vec<Picture> {
     const SIZE: usize = 220;
     let probe = Probe::studio();
-    let directional = |b: &dyn Brdf| sphere_directional(b, key_light(), [std::f64::consts::PI; 3], SIZE);
-    let lit = |b: &dyn Brdf| sphere_probe(b, &probe, SIZE);
+    let directional = |b: &dyn Brdf| Shape::Sphere.directional(b, key_light(), [std::f64::consts::PI; 3], SIZE);
+    let lit = |b: &dyn Brdf| Shape::Sphere.in_probe(b, &probe, SIZE);
     let pair = |caption: &str, measured: Image, truth: Image| {
         let difference = measured.relative_rms(&truth).unwrap_or(f64::NAN);
         Picture {

@@ -5,6 +5,7 @@ mod common;
 mod compare;
 mod convert;
 mod demo;
+mod export;
 mod materials;
 mod measure;
 mod patterns;
@@ -54,8 +55,10 @@ enum Command {
     Convert(convert::Args),
     /// How far a model is from the truth.
     Compare(compare::Args),
-    /// Spheres of a material or a converted run.
+    /// A sphere or a cylinder of a material or a converted run.
     Render(render::Args),
+    /// A material or a converted run as a file for other programs.
+    Export(export::Args),
 }
 
 fn main() -> ExitCode {
@@ -76,6 +79,7 @@ fn main() -> ExitCode {
         Command::Convert(args) => convert::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Render(args) => render::run(&args),
+        Command::Export(args) => export::run(&args),
     };
     match result {
         Ok(report) => {

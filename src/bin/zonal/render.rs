@@ -2,11 +2,29 @@
 
 use std::path::{Path, PathBuf};
 
+use clap::ValueEnum;
 use nalgebra::Vector3;
 use zonal::geometry::Direction;
-use zonal::render::{Image, Probe, sphere_directional, sphere_probe};
+use zonal::render::{Image, Probe, Shape};
 
 use crate::common::{self, BadUsage, Report};
+
+#[derive(Clone, Copy, ValueEnum)]
+enum ShapeArg {
+    /// Grain along the circles of latitude.
+    Sphere,
+    /// Upright, grain round it.
+    Cylinder,
+}
+
+impl From<ShapeArg> for Shape {
+    fn from(arg: ShapeArg) -> Self {
+        match arg {
+            ShapeArg::Sphere => Shape::Sphere,
+            ShapeArg::Cylinder => Shape::Cylinder,
+        }
+    }
+}
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -18,10 +36,17 @@ pub struct Args {
     /// Another material beside it, e.g. the truth.
     #[arg(long)]
     beside: Option<String>,
+    /// Add the difference to the one beside: signed in an EXR; in a PNG red where brighter, blue where darker, full at the
+    /// mean of the one beside.
+    #[arg(long, requires = "beside")]
+    difference: bool,
+    /// What the material covers.
+    #[arg(long, default_value = "sphere")]
+    shape: ShapeArg,
     /// Light it by an environment (lat-long .hdr or .exr, or `studio`) instead of one directional light.
     #[arg(long)]
     probe: Option<String>,
-    /// Side of a sphere in pixels.
+    /// Side of a shape's picture in pixels.
     #[arg(long, default_value_t = 256, allow_negative_numbers = true)]
     size: usize,
     /// Multiplies the image before it is encoded as PNG.
@@ -53,25 +78,46 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
         _ => return Err(BadUsage(format!("{}: name a .png or .exr file", out.display())).into()),
     };
     let probe = args.probe.as_deref().map(probe).transpose()?;
-    let mut spheres = Vec::new();
+    let shape = Shape::from(args.shape);
+    let mut pictures = Vec::new();
     for name in std::iter::once(&args.model).chain(&args.beside) {
-        let brdf = common::material(name)?;
-        spheres.push(match &probe {
-            Some(probe) => sphere_probe(brdf.as_ref(), probe, args.size),
-            None => sphere_directional(brdf.as_ref(), key_light(), [std::f64::consts::PI; 3], args.size),
+        let brdf = common::material(name)?.brdf;
+        pictures.push(match &probe {
+            Some(probe) => shape.in_probe(brdf.as_ref(), probe, args.size),
+            None => shape.directional(brdf.as_ref(), key_light(), [std::f64::consts::PI; 3], args.size),
         });
     }
-    let difference = spheres.get(1).and_then(|truth| spheres[0].relative_rms(truth));
-    let image = Image::side_by_side(&spheres);
+    let errors = match &pictures[..] {
+        [model, beside] => model.relative_rms(beside).zip(model.relative_mean(beside)),
+        _ => None,
+    };
+    if let (true, [model, beside]) = (args.difference, &pictures[..]) {
+        let difference = model.difference(beside).expect("one size");
+        pictures.push(if exr { difference } else { coloured(&difference, beside, args.exposure) });
+    }
+    let image = Image::side_by_side(&pictures);
     if exr {
         image.write_exr(&out)?
     } else {
         image.write_png(&out, args.exposure)?
     }
     let mut text = format!("{} x {} px in {}", image.width, image.height, out.display());
-    if let Some(difference) = difference {
-        text += &format!("; RMS difference {:.1}% of the second sphere", 100.0 * difference);
+    if let Some((rms, mean)) = errors {
+        text +=
+            &format!("; difference to the second picture: RMS {:.1}%, mean {:.1}% of it", 100.0 * rms, 100.0 * mean);
     }
-    let json = serde_json::json!({ "out": common::said(&out), "rms_difference": difference });
+    let json = serde_json::json!({
+        "out": common::said(&out),
+        "rms_difference": errors.map(|e| e.0),
+        "mean_difference": errors.map(|e| e.1),
+    });
     Ok(Report { text, json })
+}
+
+/// The colours of a signed difference, full at the mean of `beside`, whatever the exposure of the other pictures.
+fn coloured(difference: &Image, beside: &Image, exposure: f32) -> Image {
+    let full = (beside.mean() as f32).max(f32::MIN_POSITIVE);
+    let mut colours = difference.diverging(full);
+    colours.pixels.iter_mut().flatten().for_each(|v| *v /= exposure);
+    colours
 }

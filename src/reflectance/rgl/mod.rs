@@ -13,7 +13,7 @@ use nalgebra::Vector3;
 use super::error::read_file;
 use super::{Brdf, ReadError, TensorFile};
 use crate::geometry::{Direction, Sample};
-use warp::{Flattening, Table, Taps};
+pub(crate) use warp::{Flattening, Table, Taps};
 
 /// Below this cosine of the light's angle (89.994 deg) f is divided by it instead of by the cosine, so that f stays
 /// finite at the horizon.
@@ -200,8 +200,13 @@ fn azimuth(d: &Vector3<f64>) -> f64 {
 }
 
 /// The square root spacing of polar angles: theta = u^2 pi / 2.
-fn u_of_theta(theta: f64) -> f64 {
+pub(crate) fn u_of_theta(theta: f64) -> f64 {
     (theta * 2.0 * FRAC_1_PI).sqrt()
+}
+
+/// The inverse of [`u_of_theta`].
+pub(crate) fn theta_of_u(u: f64) -> f64 {
+    0.5 * PI * u * u
 }
 
 /// Checks on the fields that go beyond the container's.

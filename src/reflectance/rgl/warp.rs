@@ -2,7 +2,7 @@
 
 /// Slices and their weights: what interpolation in up to two parameters needs.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Taps {
+pub(crate) struct Taps {
     taps: [(usize, f64); 4],
     count: usize,
 }
@@ -50,13 +50,20 @@ fn patch(u: f64, nodes: usize) -> (usize, f64) {
     (i, x - i as f64)
 }
 
+/// Where in a unit cell, over which a density runs linearly from `a` to `b`, its integral reaches `part`.
+fn share_of_cell(a: f64, b: f64, part: f64) -> f64 {
+    // The root of a t + (b - a) t^2 / 2 = part in the form that survives a = b.
+    let root = (a * a + 2.0 * (b - a) * part).max(0.0).sqrt();
+    if a + root > 0.0 { (2.0 * part / (a + root)).clamp(0.0, 1.0) } else { 0.0 }
+}
+
 fn lerp(a: f64, b: f64, t: f64) -> f64 {
     a + (b - a) * t
 }
 
 /// Slices of `height` x `width` nodes with `C` values each; the nodes span the unit square, edges included.
 #[derive(Debug, Clone)]
-pub(super) struct Table<const C: usize> {
+pub(crate) struct Table<const C: usize> {
     width: usize,
     height: usize,
     nodes: Vec<[f32; C]>,
@@ -91,7 +98,7 @@ impl<const C: usize> Table<C> {
 
 /// A bilinear density per slice that can be flattened: the inverse of the warp that samples it.
 #[derive(Debug, Clone)]
-pub(super) struct Flattening {
+pub(crate) struct Flattening {
     /// Density, and its integral along the row up to the node.
     density: Table<2>,
     /// Per slice and row: the integral of the row, and of all rows before it.
@@ -148,5 +155,26 @@ impl Flattening {
         let row_total = lerp(row, next, fy);
         let flat_u = if row_total > 0.0 { along / row_total } else { 0.0 };
         (flat_u, before + part(row, next, fy, height))
+    }
+
+    /// The point (u, v) that [`Flattening::flatten`] moves to (s, t), in the first slice: how samples are drawn.
+    pub fn unflatten(&self, s: f64, t: f64) -> (f64, f64) {
+        let (width, height) = (self.density.width, self.density.height);
+        let rows: &[[f32; 2]] = &self.rows[..height];
+        let row = |y: usize| rows[y].map(f64::from);
+        let y = rows[1..height - 1].partition_point(|row| f64::from(row[1]) <= t);
+        let fy = share_of_cell(row(y)[0], row(y + 1)[0], (t - row(y)[1]) * (height - 1) as f64);
+        let total = lerp(row(y)[0], row(y + 1)[0], fy);
+
+        let nodes = &self.density.nodes[y * width..][..2 * width];
+        let node = |x: usize, i: usize| lerp(nodes[x][i].into(), nodes[x + width][i].into(), fy);
+        // Which cell of the row holds the point: integrals along the row ascend.
+        let (mut x, mut end) = (0, width - 1);
+        while end - x > 1 {
+            let middle = (x + end) / 2;
+            if node(middle, 1) <= s * total { x = middle } else { end = middle }
+        }
+        let fx = share_of_cell(node(x, 0), node(x + 1, 0), (s * total - node(x, 1)) * (width - 1) as f64);
+        ((x as f64 + fx) / (width - 1) as f64, (y as f64 + fy) / (height - 1) as f64)
     }
 }
