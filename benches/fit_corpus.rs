@@ -2,7 +2,8 @@
 //! on the built rig, orders 2 and 4, with the default noise and with noise_rel 1%.
 //!
 //! `ZONAL_CORPUS=... cargo bench --features corpus --bench fit_corpus`; `-- --exact` takes exact integrals with 1% noise
-//! instead of the simulated rig, which is some ten times faster; `-- --each` lists every material.
+//! instead of the simulated rig, which is some ten times faster; `-- --each` lists every material, `-- --only METHOD` fits
+//! one method.
 #![allow(missing_docs)]
 
 #[path = "../tests/common/mod.rs"]
@@ -49,13 +50,13 @@ fn exact(brdf: &dyn Brdf, order: usize) -> Coefficients {
         Coefficients { grid, order, values: vec![0.0; n], sigma: vec![1.0; n], history: "exact".into() };
     let folded = Observations::folded(&coefficients);
     let predicted = Forward::new(&folded, Fineness { radial: 64, around: 160 }).unwrap().predict(brdf);
-    for c in 0..3 {
+    for (c, predicted) in predicted.iter().enumerate() {
         for k in 0..size(order) {
             let (l, m) = lm(k);
             let term = folded.terms.iter().position(|&t| t == zonal::basis::index(l, m.abs())).unwrap();
             for cell in 0..grid.len() {
                 let phi = f64::from(m) * grid.phi(cell % grid.sectors());
-                let z = predicted[c][cell / grid.sectors() * folded.terms.len() + term];
+                let z = predicted[cell / grid.sectors() * folded.terms.len() + term];
                 let turned = if m >= 0 { z * phi.cos() } else { -z * phi.sin() };
                 coefficients.values[(k * 3 + c) * grid.len() + cell] = turned as f32;
             }
@@ -94,6 +95,8 @@ struct Row {
 fn main() {
     let arguments: Vec<String> = std::env::args().collect();
     let has = |flag: &str| arguments.iter().any(|a| a == flag);
+    let only = arguments.iter().position(|a| a == "--only").map(|i| arguments[i + 1].parse::<FitMethod>().unwrap());
+    let methods: Vec<FitMethod> = FitMethod::ALL.into_iter().filter(|m| only.is_none_or(|o| o == *m)).collect();
     let rig = common::rig("ghosh-2007-built");
     let metric = Metric::new(rig.zone());
     let calibration = (!has("--exact")).then(|| common::calibrated(&rig, &TwinConfig::pinhole(1)));
@@ -114,13 +117,20 @@ fn main() {
         for (noise, coefficients) in &data {
             for order in ORDERS {
                 let coefficients = coefficients.truncated(order);
-                for method in FitMethod::ALL {
+                for &method in &methods {
                     let report = fit(&coefficients, method, &FitOptions::default()).unwrap();
                     let errors = reference.errors(&report.brdf).unwrap().mean;
                     let albedo = errors.albedo_error.iter().map(|e| e.abs()).fold(0.0, f64::max);
                     let errors = [errors.rel_in, errors.rel_out, errors.log_in, errors.log_out, albedo];
                     if has("--each") {
                         let all = errors.map(|e| format!("{e:.3}")).join(" ");
+                        if let Some(selection) = &report.selection {
+                            let ladder = selection
+                                .candidates
+                                .iter()
+                                .map(|c| format!("{} {:.4} ({:.4})", c.model, c.predicted_error, c.fitted_error));
+                            println!("{name:24} {order} {noise:7} {}", ladder.collect::<Vec<_>>().join(", "));
+                        }
                         println!(
                             "{name:24} {order} {noise:7} {method:22} {all} chi {:6.2} misfit {:.4} {:.3} s {}",
                             report.chi, report.misfit_rel, report.fit_s, report.model
@@ -139,11 +149,11 @@ fn main() {
             }
         }
     }
-    table(&rows);
+    table(&rows, &methods);
 }
 
 /// Medians over materials.
-fn table(rows: &[Row]) {
+fn table(rows: &[Row], methods: &[FitMethod]) {
     for noise in ["1%", "default"] {
         for order in ORDERS {
             let here: Vec<&Row> = rows.iter().filter(|r| r.noise == noise && r.order == order).collect();
@@ -153,7 +163,7 @@ fn table(rows: &[Row]) {
             println!(
                 "\norder {order}, noise {noise}: medians of rel_in, rel_out, log_in, log_out, worst albedo error; fit_s"
             );
-            for method in FitMethod::ALL {
+            for &method in methods {
                 let column = |rgl: bool, e: usize| {
                     let values = here.iter().filter(|r| r.rgl == rgl && r.method == method);
                     format!("{:6.3}", common::median(values.map(|r| r.errors[e]).collect()))

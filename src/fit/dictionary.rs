@@ -2,7 +2,7 @@
 
 use super::family::{Family, ShapeParameter, geometric, ggx_columns};
 use super::likelihood::Likelihood;
-use super::search::{Minimum, polish};
+use super::search::{Minimum, Termination, polish};
 use super::{Forward, Node};
 use crate::reflectance::dbrdf::openness;
 use crate::reflectance::ggx::gtr2;
@@ -74,7 +74,16 @@ impl Dictionary {
             terms.push(DensityTerm { weight: 1.0, alpha: *self.alphas.last().expect("several") });
         }
         let family = DbrdfFamily { p: Density::Mixture(terms) };
-        let mut minimum = polish(&family, likelihood, &[*r0]);
+        let sum = |part: usize| {
+            let mut sum = vec![0.0; likelihood.lambert.len()];
+            for (x, half) in best.x.iter().skip(1).zip(&self.half).filter(|(x, _)| **x > 0.0) {
+                sum.iter_mut().zip(&half[part]).for_each(|(s, a)| *s += x / total * a);
+            }
+            sum
+        };
+        let known = KnownDensity { family: &family, f0: sum(0), f90: sum(1) };
+        let mut minimum =
+            if total > 0.0 { polish(&known, likelihood, &[*r0]) } else { polish(&family, likelihood, &[*r0]) };
         minimum.evaluations += R0.len();
         (family, minimum)
     }
@@ -88,9 +97,12 @@ impl Dictionary {
         let used = found.x.iter().skip(1).zip(&all).filter(|(x, _)| **x > 0.0).map(|(_, &u)| u);
         let terms: Vec<MixtureTerm> =
             used.map(|(kind, i)| MixtureTerm { kind, alpha: self.alphas[i / 2], grazing: i % 2 == 1 }).collect();
-        let family = MixtureFamily { terms };
-        let minimum = polish(&family, likelihood, &[]);
-        (family, minimum)
+        let columns: Vec<Vec<f64>> =
+            found.x.iter().skip(1).zip(columns).filter_map(|(x, column)| (*x > 0.0).then_some(column)).collect();
+        let solution = likelihood.solve(&columns);
+        let termination = Termination::Direct;
+        let minimum = Minimum { theta: Vec::new(), columns, solution, evaluations: 1, termination };
+        (MixtureFamily { terms }, minimum)
     }
 
     fn column(&self, kind: Kind, i: usize) -> &[f64] {
@@ -129,6 +141,35 @@ impl Family for DbrdfFamily {
 
     fn starts(&self) -> Vec<Vec<f64>> {
         R0.iter().map(|&r0| vec![r0]).collect()
+    }
+}
+
+/// A D-BRDF whose two columns are known: F = r0 (1 - s) + s mixes them.
+struct KnownDensity<'a> {
+    family: &'a DbrdfFamily,
+    f0: Vec<f64>,
+    f90: Vec<f64>,
+}
+
+impl Family for KnownDensity<'_> {
+    fn shape(&self) -> Vec<ShapeParameter> {
+        self.family.shape()
+    }
+
+    fn linear(&self) -> Vec<String> {
+        self.family.linear()
+    }
+
+    fn columns(&self, _forward: &Forward, theta: &[f64]) -> Vec<Vec<f64>> {
+        vec![self.f0.iter().zip(&self.f90).map(|(p, s)| theta[0] * p + s).collect()]
+    }
+
+    fn model(&self, theta: &[f64], x: &[[f64; 3]]) -> Model {
+        self.family.model(theta, x)
+    }
+
+    fn starts(&self) -> Vec<Vec<f64>> {
+        self.family.starts()
     }
 }
 

@@ -242,14 +242,18 @@ impl FitReport {
     /// Reads what [`FitReport::write`] wrote.
     ///
     /// # Errors
-    /// [`StoreError`].
+    /// [`StoreError`]; [`StoreError::Invalid`] too for parameters that no reflectance has.
     pub fn read(path: &Path) -> Result<Self, StoreError> {
-        store::read_versioned(path, FORMAT)
+        let report: Self = store::read_versioned(path, FORMAT)?;
+        let invalid = |what: String| StoreError::invalid(path, format!("{what}: fit the run again"));
+        report.brdf.check().map_err(|e| invalid(e.to_string()))?;
+        Zone::from_degrees(report.zone_deg[0], report.zone_deg[1]).map_err(|e| invalid(e.to_string()))?;
+        Ok(report)
     }
 
     /// The measured zone.
-    pub fn zone(&self) -> Result<Zone, crate::geometry::ZoneError> {
-        Zone::from_degrees(self.zone_deg[0], self.zone_deg[1])
+    pub fn zone(&self) -> Zone {
+        Zone::from_degrees(self.zone_deg[0], self.zone_deg[1]).expect("checked when it was read, or a rig's")
     }
 }
 

@@ -9,8 +9,10 @@ use nalgebra::storage::Owned;
 use nalgebra::{DMatrix, DVector, Dyn, U1};
 use serde::{Deserialize, Serialize};
 
+use super::Forward;
 use super::family::{Family, ShapeParameter};
 use super::likelihood::{Likelihood, Solution};
+use crate::reflectance::Model;
 
 /// Why a fit ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -220,6 +222,61 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
         }
         self.likelihood.project_out(columns, &solution.x, &mut jacobian);
         Some(jacobian)
+    }
+}
+
+/// A family near a minimum, its columns linear in the logarithms of the shape parameters: to refit parts of the data,
+/// which hardly moves them, without integrating anew.
+pub(super) struct Linearised<'a> {
+    family: &'a dyn Family,
+    theta: &'a [f64],
+    columns: &'a [Vec<f64>],
+    /// By shape parameter and column.
+    slopes: Vec<Vec<Vec<f64>>>,
+}
+
+impl<'a> Linearised<'a> {
+    pub fn new(family: &'a dyn Family, forward: &Forward, minimum: &'a Minimum) -> Self {
+        let shape = family.shape();
+        let slopes = (0..shape.len()).map(|j| {
+            let at = |step: f64| {
+                let mut theta = minimum.theta.clone();
+                theta[j] = shape[j].origin + (theta[j] - shape[j].origin) * step.exp();
+                family.columns(forward, &theta)
+            };
+            let both = at(STEP).into_iter().zip(at(-STEP));
+            both.map(|(p, m)| p.iter().zip(&m).map(|(p, m)| (p - m) / (2.0 * STEP)).collect()).collect()
+        });
+        Self { family, theta: &minimum.theta, columns: &minimum.columns, slopes: slopes.collect() }
+    }
+}
+
+impl Family for Linearised<'_> {
+    fn shape(&self) -> Vec<ShapeParameter> {
+        self.family.shape()
+    }
+
+    fn linear(&self) -> Vec<String> {
+        self.family.linear()
+    }
+
+    fn columns(&self, _forward: &Forward, theta: &[f64]) -> Vec<Vec<f64>> {
+        let mut columns = self.columns.to_vec();
+        for (j, p) in self.shape().iter().enumerate() {
+            let step = ((theta[j] - p.origin) / (self.theta[j] - p.origin)).ln();
+            for (column, slope) in columns.iter_mut().zip(&self.slopes[j]) {
+                column.iter_mut().zip(slope).for_each(|(a, s)| *a += step * s);
+            }
+        }
+        columns
+    }
+
+    fn model(&self, theta: &[f64], x: &[[f64; 3]]) -> Model {
+        self.family.model(theta, x)
+    }
+
+    fn starts(&self) -> Vec<Vec<f64>> {
+        vec![self.theta.to_vec()]
     }
 }
 

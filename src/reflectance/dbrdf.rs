@@ -56,6 +56,9 @@ impl Ring {
     }
 }
 
+/// p(h), 1/sr, as a function of a unit vector above the surface.
+pub type PreparedDensity<'a> = Box<dyn Fn(&Vector3<f64>) -> f64 + Send + Sync + 'a>;
+
 /// One GGX-shaped density in a mixture.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -73,7 +76,7 @@ impl Density {
     }
 
     /// p as a function of h: the integrals of a mixture's terms are found once.
-    pub fn prepared(&self) -> Box<dyn Fn(&Vector3<f64>) -> f64 + Send + Sync + '_> {
+    pub fn prepared(&self) -> PreparedDensity<'_> {
         match self {
             Self::Mixture(terms) => {
                 let scaled: Vec<([f64; 2], f64)> =

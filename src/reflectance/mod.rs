@@ -50,7 +50,7 @@ use crate::geometry::{Direction, Sample};
 
 pub use abc::{Abc, AbcMaterial, abc_materials};
 pub use alta::Alta;
-pub use dbrdf::{Dbrdf, Density, DensityTerm, gtr2_solid_angle_integral};
+pub use dbrdf::{Dbrdf, Density, DensityTerm, PreparedDensity, gtr2_solid_angle_integral};
 pub use error::ReadError;
 pub use ggx::{Ggx, GgxLobe};
 pub use lambert::Lambert;
@@ -61,7 +61,7 @@ pub use metric::{
     ALBEDO_DEG, ChannelErrors, METRIC_EXITANT_DEG, Metric, MetricError, MetricErrors, PairDeg, Reference, Side,
 };
 pub use mixture::{HalfLobe, Mixture};
-pub use model::Model;
+pub use model::{Model, ModelError};
 pub use nbrdf::NeuralBrdf;
 pub use rgl::Rgl;
 pub(crate) use rgl::{Flattening, Table, Taps, theta_of_u, u_of_theta};

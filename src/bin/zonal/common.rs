@@ -9,6 +9,8 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use zonal::calibrate::{CalibrateError, CalibrationSet};
 use zonal::capture::CaptureError;
 use zonal::export::ShMaterial;
+use zonal::fit::FitReport;
+use zonal::geometry::Zone;
 use zonal::measure::MeasureError;
 use zonal::optics::Rig;
 use zonal::patterns::Plan;
@@ -45,6 +47,16 @@ pub struct Material {
     pub model: Option<Model>,
     /// What it is and where it comes from.
     pub history: String,
+    /// Measured zone of a fit.
+    pub zone: Option<Zone>,
+    /// Why a fit should not be used, if it should not.
+    pub unsuccessful: Option<String>,
+}
+
+impl Material {
+    fn new(brdf: Arc<dyn Brdf>, history: String) -> Self {
+        Self { brdf, model: None, history, zone: None, unsuccessful: None }
+    }
 }
 
 /// A material from any file or name that stands for one.
@@ -52,9 +64,19 @@ pub fn material(name: &str) -> anyhow::Result<Material> {
     if name.ends_with(".exr") {
         let sh = ShMaterial::read(Path::new(name))?;
         let history = format!("{name}: zonal order {}, method {}; {}", sh.zonal_order, sh.method, sh.history);
-        return Ok(Material { brdf: Arc::new(sh), model: None, history });
+        return Ok(Material::new(Arc::new(sh), history));
     }
-    Ok(Material { brdf: open(name)?, model: None, history: name.to_owned() })
+    if name.ends_with(".json") {
+        let fit = FitReport::read(Path::new(name))?;
+        let history = format!("{name}: fit {} of zonal order {}; {}", fit.model, fit.order, fit.history);
+        return Ok(Material {
+            zone: Some(fit.zone()),
+            unsuccessful: (!fit.successful).then(|| format!("{name}: the search ended with {:?}", fit.termination)),
+            model: Some(fit.brdf.clone()),
+            ..Material::new(Arc::new(fit.brdf), history)
+        });
+    }
+    Ok(Material::new(open(name)?, name.to_owned()))
 }
 
 /// A progress bar over frames on stderr, with the rig's time left; silent where nobody watches.

@@ -5,19 +5,19 @@ use zonal::geometry::Zone;
 use zonal::reflectance::{ALBEDO_DEG, Metric};
 use zonal::render::Shape;
 
-use crate::common::{self, Report};
+use crate::common::{self, BadUsage, Report};
 use crate::render;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// A converted run (.exr), a measured file (.bsdf, .binary, .dat) or a name of `zonal materials`.
+    /// A fit (.json), a converted run (.exr), a measured file (.bsdf, .binary, .dat) or a name of `zonal materials`.
     model: String,
     /// What it should be: a measured file or a name, not a reconstruction.
     #[arg(long)]
     truth: String,
-    /// Polar angles that count as inside, in degrees.
-    #[arg(long, value_name = "MIN,MAX", default_value = "9,57", value_parser = zone, allow_hyphen_values = true)]
-    zone: Zone,
+    /// Polar angles that count as inside, in degrees: those of a fit, 9,57 for other models.
+    #[arg(long, value_name = "MIN,MAX", value_parser = zone, allow_hyphen_values = true)]
+    zone: Option<Zone>,
     /// Environment for the spheres: lat-long .hdr or .exr, or `studio`.
     #[arg(long, default_value = "studio")]
     probe: String,
@@ -36,14 +36,36 @@ fn zone(text: &str) -> Result<Zone, String> {
     Zone::from_degrees(min, max).map_err(|e| e.to_string())
 }
 
+/// The zone asked for, which must be a fit's own: errors in another one would be read as those of the measurement.
+fn zone_of(args: &Args, fitted: Option<Zone>) -> anyhow::Result<Zone> {
+    let same =
+        |a: Zone, b: Zone| (a.theta_min() - b.theta_min()).abs().max((a.theta_max() - b.theta_max()).abs()) < 1e-6;
+    let degrees = |z: Zone| format!("{:.2}..{:.2} deg", z.theta_min().to_degrees(), z.theta_max().to_degrees());
+    match (args.zone, fitted) {
+        (Some(asked), Some(own)) if !same(asked, own) => Err(BadUsage(format!(
+            "{} was fitted in {}, --zone asks for {}: leave --zone out, or fit a run of that zone",
+            args.model,
+            degrees(own),
+            degrees(asked)
+        ))
+        .into()),
+        (asked, own) => Ok(asked.or(own).unwrap_or(Zone::from_degrees(9.0, 57.0)?)),
+    }
+}
+
 pub fn run(args: &Args) -> anyhow::Result<Report> {
     let probe = render::probe(&args.probe)?;
-    let (model, truth) = (common::material(&args.model)?.brdf, common::material(&args.truth)?.brdf);
-    let errors = Metric::new(args.zone).errors(truth.as_ref(), model.as_ref())?;
+    let (model, truth) = (common::material(&args.model)?, common::material(&args.truth)?.brdf);
+    let zone = zone_of(args, model.zone)?;
+    if let Some(why) = &model.unsuccessful {
+        eprintln!("warning: {why}");
+    }
+    let model = model.brdf;
+    let errors = Metric::new(zone).errors(truth.as_ref(), model.as_ref())?;
     let [of_model, of_truth] = [&model, &truth].map(|brdf| Shape::Sphere.in_probe(brdf.as_ref(), &probe, SIZE));
     let difference = of_model.relative_rms(&of_truth);
 
-    let zone_deg = [args.zone.theta_min(), args.zone.theta_max()].map(f64::to_degrees);
+    let zone_deg = [zone.theta_min(), zone.theta_max()].map(f64::to_degrees);
     let mut json = serde_json::to_value(errors)?;
     json["zone_deg"] = json!(zone_deg);
     json["render_difference"] = json!(difference);

@@ -34,7 +34,7 @@ impl Format {
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// A converted run (.exr), a measured file (.bsdf, .binary) or a name of `zonal materials`.
+    /// A fit (.json), a converted run (.exr), a measured file (.bsdf, .binary, .dat) or a name of `zonal materials`.
     model: String,
     /// What to write.
     #[arg(long)]
@@ -42,6 +42,9 @@ pub struct Args {
     /// File to write: .bsdf for `bsdf`, .exr for `density`.
     #[arg(long)]
     out: PathBuf,
+    /// Export a fit even if its search failed.
+    #[arg(long)]
+    force: bool,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Report> {
@@ -52,6 +55,14 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
         return Err(BadUsage(message).into());
     }
     let material = common::material(&args.model)?;
+    match &material.unsuccessful {
+        Some(why) if args.force => eprintln!("warning: {why}"),
+        Some(why) => {
+            let message = format!("{why}, its parameters are no minimum: fit another model, or add --force");
+            return Err(BadUsage(message).into());
+        }
+        None => {}
+    }
     match args.format {
         Format::Bsdf => write_bsdf(material.brdf.as_ref(), &material.history, &out)?,
         Format::Density => {

@@ -6,6 +6,7 @@ mod compare;
 mod convert;
 mod demo;
 mod export;
+mod fit;
 mod materials;
 mod measure;
 mod patterns;
@@ -53,11 +54,13 @@ enum Command {
     Reduce(reduce::Args),
     /// Turns a run's zonal coefficients into spherical harmonics.
     Convert(convert::Args),
+    /// Fits a reflection model to a run.
+    Fit(fit::Args),
     /// How far a model is from the truth.
     Compare(compare::Args),
-    /// A sphere or a cylinder of a material or a converted run.
+    /// A sphere or a cylinder of a material, a fit or a converted run.
     Render(render::Args),
-    /// A material or a converted run as a file for other programs.
+    /// A material, a fit or a converted run as a file for other programs.
     Export(export::Args),
 }
 
@@ -77,6 +80,7 @@ fn main() -> ExitCode {
         Command::Measure(args) => measure::run(&args),
         Command::Reduce(args) => reduce::run(&args),
         Command::Convert(args) => convert::run(&args),
+        Command::Fit(args) => fit::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Export(args) => export::run(&args),

@@ -28,7 +28,7 @@ impl From<ShapeArg> for Shape {
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// A converted run (.exr), a measured file (.bsdf, .binary, .dat) or a name of `zonal materials`.
+    /// A fit (.json), a converted run (.exr), a measured file (.bsdf, .binary, .dat) or a name of `zonal materials`.
     model: String,
     /// PNG or EXR to write.
     #[arg(long)]

@@ -1,0 +1,81 @@
+//! `zonal fit`.
+
+use std::path::PathBuf;
+
+use zonal::fit::{CalibrationUncertainty, FitMethod, FitOptions, FitReport, fit};
+use zonal::measure::RunRecord;
+use zonal::reduce::Coefficients;
+
+use crate::common::{self, BadUsage, Report};
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// Run folder.
+    run: PathBuf,
+    /// thesis | ggx-to-reconstruction | lambert | ggx | abc | ggx2 | dbrdf | mixture | auto
+    #[arg(long, default_value = "auto")]
+    model: String,
+    /// Zonal order to use, at most the run's.
+    #[arg(long, allow_negative_numbers = true)]
+    order: Option<usize>,
+    /// Standard error of the zone's edges, degrees.
+    #[arg(long, default_value_t = CalibrationUncertainty::default().edge_deg, allow_negative_numbers = true)]
+    edge_deg: f64,
+    /// Relative standard error of the gray card's scale.
+    #[arg(long, default_value_t = CalibrationUncertainty::default().scale_rel, allow_negative_numbers = true)]
+    scale_rel: f64,
+    /// JSON file to write.
+    #[arg(long)]
+    out: PathBuf,
+}
+
+pub fn run(args: &Args) -> anyhow::Result<Report> {
+    let method: FitMethod = args.model.parse()?;
+    let out = common::writable(&args.out)?;
+    if out.extension().and_then(|e| e.to_str()) != Some("json") {
+        return Err(BadUsage(format!("{}: fits are .json files: name one", out.display())).into());
+    }
+    for (flag, value, most) in [("--edge-deg", args.edge_deg, 2.0), ("--scale-rel", args.scale_rel, 0.5)] {
+        if !(0.0..=most).contains(&value) {
+            return Err(BadUsage(format!("{flag} {value} is out of range: choose 0..={most}")).into());
+        }
+    }
+    RunRecord::read_complete(&args.run)?;
+    let measured = Coefficients::read(&args.run.join("coefficients.exr"))?;
+    let order = args.order.unwrap_or(measured.order);
+    if order > measured.order {
+        let message = format!("--order {order} exceeds the run's order {}: choose a smaller one", measured.order);
+        return Err(BadUsage(message).into());
+    }
+    let calibration = CalibrationUncertainty { edge_deg: args.edge_deg, scale_rel: args.scale_rel };
+    let report = fit(&measured.truncated(order), method, &FitOptions { calibration, start: None })?;
+    report.write(&out)?;
+    for warning in &report.warnings {
+        eprintln!("warning: {warning}");
+    }
+    let mut json = serde_json::to_value(&report)?;
+    json["out"] = common::said(&out).into();
+    Ok(Report { text: text(&report, &out.display().to_string()), json })
+}
+
+fn text(report: &FitReport, out: &str) -> String {
+    let mut text = format!(
+        "{} of order {}: chi {:.2}, misses by {:.2}% of z_00 (noise {:.2}%); {:.2} s",
+        report.model,
+        report.order,
+        report.chi,
+        100.0 * report.misfit_rel,
+        100.0 * report.noise_rel,
+        report.fit_s
+    );
+    if let Some(selection) = &report.selection {
+        text += &format!("\n{}", selection.reason);
+    }
+    for (name, value) in &report.parameters {
+        text += &match report.standard_errors.get(name).copied().flatten() {
+            Some(error) => format!("\n  {name:16} {value:12.5} +- {error:.5}"),
+            None => format!("\n  {name:16} {value:12.5}"),
+        };
+    }
+    text + &format!("\n{out}")
+}
