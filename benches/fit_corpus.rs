@@ -12,13 +12,9 @@ mod common;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use rand::SeedableRng;
-use rand_distr::{Distribution, StandardNormal};
-use zonal::basis::{lm, size};
-use zonal::fit::{Fineness, FitMethod, FitOptions, Forward, Observations, fit};
-use zonal::geometry::{ExitantGrid, Zone};
+use zonal::fit::{FitMethod, FitOptions, fit};
+use zonal::geometry::ExitantGrid;
 use zonal::patterns::Plan;
-use zonal::reduce::Coefficients;
 use zonal::reflectance::{Brdf, Metric, NeuralBrdf, open};
 use zonal::twin::TwinConfig;
 
@@ -42,45 +38,6 @@ fn corpus() -> Vec<(String, Arc<dyn Brdf>)> {
     rgl.chain(merl).collect()
 }
 
-/// Exact coefficients of an isotropic material on the built rig's grid, sigma 0.
-fn exact(brdf: &dyn Brdf, order: usize) -> Coefficients {
-    let grid = ExitantGrid::new(Zone::from_degrees(9.0, 57.0).unwrap(), 32, 64);
-    let n = size(order) * 3 * grid.len();
-    let mut coefficients =
-        Coefficients { grid, order, values: vec![0.0; n], sigma: vec![1.0; n], history: "exact".into() };
-    let folded = Observations::folded(&coefficients);
-    let predicted = Forward::new(&folded, Fineness { radial: 64, around: 160 }).unwrap().predict(brdf);
-    for (c, predicted) in predicted.iter().enumerate() {
-        for k in 0..size(order) {
-            let (l, m) = lm(k);
-            let term = folded.terms.iter().position(|&t| t == zonal::basis::index(l, m.abs())).unwrap();
-            for cell in 0..grid.len() {
-                let phi = f64::from(m) * grid.phi(cell % grid.sectors());
-                let z = predicted[cell / grid.sectors() * folded.terms.len() + term];
-                let turned = if m >= 0 { z * phi.cos() } else { -z * phi.sin() };
-                coefficients.values[(k * 3 + c) * grid.len() + cell] = turned as f32;
-            }
-        }
-    }
-    coefficients.sigma.fill(0.0);
-    coefficients
-}
-
-/// The same with noise added until its standard error is `noise_rel` of RMS z_00.
-fn noisy(coefficients: &Coefficients, noise_rel: f64, seed: u64) -> Coefficients {
-    let mut noisy = coefficients.clone();
-    let dc = &coefficients.values[..3 * coefficients.grid.len()];
-    let dc = (dc.iter().filter(|z| z.is_finite()).map(|z| f64::from(z * z)).sum::<f64>() / dc.len() as f64).sqrt();
-    let mut rng = rand_xoshiro::Xoshiro256PlusPlus::seed_from_u64(seed);
-    for (z, sigma) in noisy.values.iter_mut().zip(&mut noisy.sigma) {
-        let add = ((noise_rel * dc).powi(2) - f64::from(*sigma).powi(2)).max(0.0).sqrt();
-        let e: f64 = StandardNormal.sample(&mut rng);
-        *z += (add * e) as f32;
-        *sigma = f64::from(*sigma).hypot(add) as f32;
-    }
-    noisy
-}
-
 struct Row {
     rgl: bool,
     order: usize,
@@ -98,6 +55,7 @@ fn main() {
     let only = arguments.iter().position(|a| a == "--only").map(|i| arguments[i + 1].parse::<FitMethod>().unwrap());
     let methods: Vec<FitMethod> = FitMethod::ALL.into_iter().filter(|m| only.is_none_or(|o| o == *m)).collect();
     let rig = common::rig("ghosh-2007-built");
+    let grid = ExitantGrid::new(rig.zone(), 32, 64);
     let metric = Metric::new(rig.zone());
     let calibration = (!has("--exact")).then(|| common::calibrated(&rig, &TwinConfig::pinhole(1)));
     let mut rows = Vec::new();
@@ -108,9 +66,9 @@ fn main() {
                 let config = TwinConfig::pinhole(100 + i as u64);
                 common::run(&rig, &Plan::of_order(4), &config, calibration, truth.clone()).coefficients
             }
-            None => exact(truth.as_ref(), 4),
+            None => common::exact_coefficients(truth.as_ref(), grid, 4, rig.zone()),
         };
-        let mut data = vec![("1%", noisy(&measured, NOISE_REL, i as u64))];
+        let mut data = vec![("1%", common::noisy(&measured, NOISE_REL, i as u64))];
         if calibration.is_some() {
             data.push(("default", measured));
         }

@@ -152,7 +152,9 @@ pub(super) fn covariance(
         return Covariance { free: vec![false; count], matrix };
     };
     let freedom = likelihood.len().saturating_sub(used.len()).max(1);
-    let misfit = (minimum.solution.chi2 / freedom as f64).max(1.0);
+    // Chi squared of noise alone scatters by sqrt(2 / freedom): only more than that is misfit.
+    let reduced = minimum.solution.chi2 / freedom as f64;
+    let misfit = if reduced > 1.0 + 2.0 * (2.0 / freedom as f64).sqrt() { reduced } else { 1.0 };
     let mut covariance = &inverse * misfit;
     for error in &errors.0 {
         let weighted = DVector::from_fn(3 * n, |i, _| likelihood.weight[i / n][i % n] * error[i]);

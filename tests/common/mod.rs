@@ -5,13 +5,18 @@ use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;
 
-use zonal::basis::Harmonics;
-use zonal::calibrate::CalibrationSet;
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use zonal::basis::{Harmonics, index, lm, size};
+use zonal::calibrate::{CalibrationSet, gray_card_coefficients};
+use zonal::fit::{Fineness, Forward, Observations};
 use zonal::geometry::quadrature::polar_about_mirror;
-use zonal::geometry::{Direction, Zone};
+use zonal::geometry::{Direction, ExitantGrid, Zone};
 use zonal::measure::{Measurement, Provenance, measure};
 use zonal::optics::Rig;
 use zonal::patterns::Plan;
+use zonal::reduce::Coefficients;
 use zonal::reflectance::Brdf;
 use zonal::twin::{TwinBench, TwinConfig};
 
@@ -98,4 +103,53 @@ pub fn ask(script: &str, cases: &serde_json::Value) {
     let said = String::from_utf8_lossy(&output.stdout);
     println!("{said}");
     assert!(output.status.success(), "{}:\n{said}{}", script.display(), String::from_utf8_lossy(&output.stderr));
+}
+
+/// Coefficients of an isotropic material without error: `predicted` holds those of each ring at phi_o = 0 by channel, as
+/// [`Forward::predict`] gives them for folded observations; sigma is 0.
+pub fn unfolded(grid: ExitantGrid, order: usize, predicted: &[Vec<f64>; 3]) -> Coefficients {
+    let terms: Vec<usize> = (0..size(order)).filter(|&k| lm(k).1 >= 0).collect();
+    let n = size(order) * 3 * grid.len();
+    let mut values = vec![0.0; n];
+    for (c, predicted) in predicted.iter().enumerate() {
+        for k in 0..size(order) {
+            let (l, m) = lm(k);
+            let term = terms.iter().position(|&t| t == index(l, m.abs())).unwrap();
+            for cell in 0..grid.len() {
+                let phi = f64::from(m) * grid.phi(cell % grid.sectors());
+                let z = predicted[cell / grid.sectors() * terms.len() + term];
+                let turned = if m >= 0 { z * phi.cos() } else { -z * phi.sin() };
+                values[(k * 3 + c) * grid.len() + cell] = turned as f32;
+            }
+        }
+    }
+    Coefficients { grid, order, values, sigma: vec![0.0; n], history: "exact integrals".into() }
+}
+
+/// Exact coefficients of an isotropic material over `lit`, as a rig with the zone of `grid` would take them: the gray card
+/// sets their scale.
+pub fn exact_coefficients(brdf: &dyn Brdf, grid: ExitantGrid, order: usize, lit: Zone) -> Coefficients {
+    let n = size(order) * 3 * grid.len();
+    let blank = Coefficients { grid, order, values: vec![1.0; n], sigma: vec![1.0; n], history: String::new() };
+    let folded = Observations::folded(&blank);
+    let forward = Forward::over(&folded, lit, Fineness { radial: 48, around: 96 }).unwrap();
+    let card = |zone: Zone| gray_card_coefficients(zone, 0, 1.0)[0];
+    let scale = card(grid.zone()) / card(lit);
+    unfolded(grid, order, &forward.predict(brdf).map(|z| z.iter().map(|z| z * scale).collect()))
+}
+
+/// The same measurement with noise added until every standard error is `noise_rel` of RMS z_00.
+pub fn noisy(coefficients: &Coefficients, noise_rel: f64, seed: u64) -> Coefficients {
+    let mut noisy = coefficients.clone();
+    let dc: Vec<f64> = coefficients.values[..3 * coefficients.grid.len()].iter().map(|z| f64::from(*z)).collect();
+    let dc: Vec<f64> = dc.into_iter().filter(|z| z.is_finite()).collect();
+    let dc = (dc.iter().map(|z| z * z).sum::<f64>() / dc.len() as f64).sqrt();
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
+    for (z, sigma) in noisy.values.iter_mut().zip(&mut noisy.sigma) {
+        let add = ((noise_rel * dc).powi(2) - f64::from(*sigma).powi(2)).max(0.0).sqrt();
+        let e: f64 = StandardNormal.sample(&mut rng);
+        *z += (add * e) as f32;
+        *sigma = f64::from(*sigma).hypot(add) as f32;
+    }
+    noisy
 }
