@@ -9,34 +9,14 @@
 #[path = "../tests/common/mod.rs"]
 mod common;
 
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
-
 use zonal::fit::{FitMethod, FitOptions, fit};
 use zonal::geometry::ExitantGrid;
 use zonal::patterns::Plan;
-use zonal::reflectance::{Brdf, Metric, NeuralBrdf, open};
+use zonal::reflectance::Metric;
 use zonal::twin::TwinConfig;
 
 const ORDERS: [usize; 2] = [2, 4];
 const NOISE_REL: f64 = 0.01;
-
-fn corpus() -> Vec<(String, Arc<dyn Brdf>)> {
-    let root: PathBuf =
-        std::env::var_os("ZONAL_CORPUS").expect("set ZONAL_CORPUS to the folder of measured data").into();
-    let mut files: Vec<_> = std::fs::read_dir(root.join("rgl")).unwrap().map(|f| f.unwrap().path()).collect();
-    files.sort();
-    let rgl = files.iter().map(|f| {
-        let name = f.file_stem().unwrap().to_string_lossy().into_owned();
-        (name, open(f.to_str().unwrap()).unwrap())
-    });
-    let table = root.join("merl/nbrdf_merl_f32le.bin");
-    let merl = (0..100).step_by(5).map(|row| {
-        let brdf = NeuralBrdf::read(Path::new(&table), row).unwrap();
-        (format!("merl-{row}"), Arc::new(brdf) as Arc<dyn Brdf>)
-    });
-    rgl.chain(merl).collect()
-}
 
 struct Row {
     rgl: bool,
@@ -59,7 +39,7 @@ fn main() {
     let metric = Metric::new(rig.zone());
     let calibration = (!has("--exact")).then(|| common::calibrated(&rig, &TwinConfig::pinhole(1)));
     let mut rows = Vec::new();
-    for (i, (name, truth)) in corpus().into_iter().enumerate() {
+    for (i, (name, truth)) in common::measured_materials().into_iter().enumerate() {
         let reference = metric.reference(truth.as_ref()).unwrap();
         let measured = match &calibration {
             Some(calibration) => {

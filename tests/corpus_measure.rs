@@ -3,20 +3,12 @@
 
 mod common;
 
-use std::path::PathBuf;
-
 use rayon::prelude::*;
 use zonal::basis::size;
 use zonal::measure::Measurement;
 use zonal::patterns::Plan;
 use zonal::reflectance::{Brdf, open};
 use zonal::twin::TwinConfig;
-
-fn corpus() -> PathBuf {
-    std::env::var_os("ZONAL_CORPUS")
-        .expect("feature `corpus` needs ZONAL_CORPUS, the folder of the measured data")
-        .into()
-}
 
 /// RMS over k, wo and channels of measured minus true coefficients, over RMS of the true DC, up to `order`.
 fn error_of_dc(measured: &Measurement, truth: &[(usize, Vec<f64>)], order: usize) -> f64 {
@@ -53,7 +45,8 @@ fn every_rgl_material_is_measured_to_one_percent() {
     let config = TwinConfig::pinhole(1).noiseless();
     let calibration = common::calibrated(&rig, &config);
     let plan = Plan::of_order(6);
-    let mut files: Vec<_> = std::fs::read_dir(corpus().join("rgl")).unwrap().map(|f| f.unwrap().path()).collect();
+    let mut files: Vec<_> =
+        std::fs::read_dir(common::corpus().join("rgl")).unwrap().map(|f| f.unwrap().path()).collect();
     files.sort();
     assert_eq!(files.len(), 9);
     for file in files {

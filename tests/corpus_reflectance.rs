@@ -1,6 +1,8 @@
 //! Readers of measured reflectance on measured files: `ZONAL_CORPUS=folder cargo test --release --features corpus`.
 #![cfg(feature = "corpus")]
 
+mod common;
+
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -15,8 +17,7 @@ const MITSUBA_F32_TYPICAL: f64 = 2e-6;
 
 /// A path inside of the corpus.
 fn corpus(path: &str) -> PathBuf {
-    let root = std::env::var_os("ZONAL_CORPUS").expect("set ZONAL_CORPUS to the folder that holds rgl/ and merl/");
-    PathBuf::from(root).join(path)
+    common::corpus().join(path)
 }
 
 /// Rows of theta_i, phi_i, theta_o, phi_o and three values.

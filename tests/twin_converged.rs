@@ -73,9 +73,8 @@ fn built_in_materials_are_converged() {
 #[cfg(feature = "corpus")]
 #[test]
 fn rgl_materials_are_converged() {
-    let folder =
-        std::env::var("ZONAL_CORPUS").expect("feature `corpus` needs ZONAL_CORPUS, the folder of the measured data");
-    let mut names: Vec<String> = std::fs::read_dir(format!("{folder}/rgl"))
+    let folder = common::corpus();
+    let mut names: Vec<String> = std::fs::read_dir(folder.join("rgl"))
         .unwrap()
         .map(|f| f.unwrap().path().to_str().unwrap().to_owned())
         .collect();

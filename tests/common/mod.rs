@@ -1,7 +1,7 @@
 //! What several integration tests need: rigs, calibrated twins, converged integrals of the truth.
 #![allow(dead_code)]
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
 
@@ -17,7 +17,7 @@ use zonal::measure::{Measurement, Provenance, measure};
 use zonal::optics::Rig;
 use zonal::patterns::Plan;
 use zonal::reduce::Coefficients;
-use zonal::reflectance::Brdf;
+use zonal::reflectance::{Brdf, NeuralBrdf, open};
 use zonal::twin::{TwinBench, TwinConfig};
 
 pub fn rig(name: &str) -> Rig {
@@ -27,7 +27,7 @@ pub fn rig(name: &str) -> Rig {
 
 /// All calibrations, made on the same twin.
 pub fn calibrated(rig: &Rig, config: &TwinConfig) -> CalibrationSet {
-    let mut bench = TwinBench::new(rig, config.clone(), zonal::reflectance::open("gray-card").unwrap());
+    let mut bench = TwinBench::new(rig, config.clone(), open("gray-card").unwrap());
     CalibrationSet::make(rig, &mut bench, &mut |_, _, _| ()).unwrap()
 }
 
@@ -152,4 +152,26 @@ pub fn noisy(coefficients: &Coefficients, noise_rel: f64, seed: u64) -> Coeffici
         *sigma = f64::from(*sigma).hypot(add) as f32;
     }
     noisy
+}
+
+/// The folder of measured data.
+pub fn corpus() -> PathBuf {
+    std::env::var_os("ZONAL_CORPUS")
+        .expect("feature `corpus` needs ZONAL_CORPUS, the folder of the measured data")
+        .into()
+}
+
+/// The nine RGL files and the neural fits of MERL rows 0, 5, ..., 95 (their names begin with `merl`).
+pub fn measured_materials() -> Vec<(String, Arc<dyn Brdf>)> {
+    let mut files: Vec<_> = std::fs::read_dir(corpus().join("rgl")).unwrap().map(|f| f.unwrap().path()).collect();
+    files.sort();
+    let rgl = files.iter().map(|f| {
+        let name = f.file_stem().unwrap().to_string_lossy().into_owned();
+        (name, open(f.to_str().unwrap()).unwrap())
+    });
+    let merl = (0..100).step_by(5).map(|row| {
+        let brdf = NeuralBrdf::read(corpus().join("merl/nbrdf_merl_f32le.bin"), row).unwrap();
+        (format!("merl-{row}"), Arc::new(brdf) as Arc<dyn Brdf>)
+    });
+    rgl.chain(merl).collect()
 }
