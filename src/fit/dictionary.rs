@@ -79,10 +79,10 @@ impl Dictionary {
         (family, minimum)
     }
 
-    /// Lobes of both kinds: which ones from the mean of the channels, their weights by channel.
+    /// Lobes of both kinds (of half vectors alone where widths differ across the grain): which ones from the mean of the channels, their weights by channel.
     pub fn mixture(&self, likelihood: &Likelihood<'_>) -> (MixtureFamily, Minimum) {
-        let all: Vec<(Kind, usize)> =
-            [Kind::Ggx, Kind::Half].into_iter().flat_map(|k| (0..2 * self.alphas.len()).map(move |i| (k, i))).collect();
+        let kinds = [(Kind::Ggx, self.ggx.len()), (Kind::Half, self.half.len())];
+        let all: Vec<(Kind, usize)> = kinds.into_iter().flat_map(|(k, n)| (0..2 * n).map(move |i| (k, i))).collect();
         let columns: Vec<Vec<f64>> = all.iter().map(|&(kind, i)| self.column(kind, i).to_vec()).collect();
         let found = likelihood.gray().dual(&columns, 0).non_negative();
         let used = found.x.iter().skip(1).zip(&all).filter(|(x, _)| **x > 0.0).map(|(_, &u)| u);
@@ -159,7 +159,9 @@ impl Family for MixtureFamily {
     fn linear(&self) -> Vec<String> {
         let name = |t: &MixtureTerm| {
             let kind = if t.kind == Kind::Ggx { "ggx" } else { "half" };
-            format!("{kind}_{:.4}_{}", t.alpha[0], if t.grazing { "f90" } else { "f0" })
+            let [along, across] = t.alpha.map(|alpha| format!("{alpha:.4}"));
+            let width = if along == across { along } else { format!("{along}_{across}") };
+            format!("{kind}_{width}_{}", if t.grazing { "f90" } else { "f0" })
         };
         std::iter::once("kd".into()).chain(self.terms.iter().map(name)).collect()
     }

@@ -1,6 +1,7 @@
 //! A chart of series over two axes, as inline SVG.
 
 use super::axis::Axis;
+use super::label;
 use super::text::escape;
 
 /// Drawn width in user units: about that of a phone, so that text keeps its size there.
@@ -88,7 +89,7 @@ impl Chart {
         for series in &self.series {
             svg += &self.draw(series, &px, &py);
         }
-        svg + "</svg>\n"
+        svg + &self.texts(&px, &py) + "</svg>\n"
     }
 
     /// The legend: an HTML list.
@@ -146,16 +147,27 @@ impl Chart {
         if series.mark != Mark::Points {
             svg += &format!("<path class=\"line s{style}\" d=\"{}\"/>\n", path(places.iter().copied()));
         }
-        for (i, (x, y)) in places.iter().enumerate().filter_map(|(i, p)| p.map(|p| (i, p))) {
-            if series.mark != Mark::Line {
-                svg += &symbol(style, x, y);
-            }
-            if let Some(label) = series.labels.get(i).filter(|label| !label.is_empty()) {
-                let y = y - 8.0;
-                svg += &format!("<text class=\"mid tag\" x=\"{x:.1}\" y=\"{y:.1}\">{}</text>\n", escape(label));
-            }
+        if series.mark != Mark::Line {
+            svg.extend(places.iter().flatten().map(|&(x, y)| symbol(style, x, y)));
         }
         svg
+    }
+
+    /// The texts at the points, above all that is drawn.
+    fn texts(&self, px: &dyn Fn(f64) -> f64, py: &dyn Fn(f64) -> f64) -> String {
+        let marks: Vec<(f64, f64)> = self.shown().map(|(x, y)| (px(x), py(y))).collect();
+        let labelled = self.series.iter().flat_map(|s| s.points.iter().zip(&s.labels));
+        let labels: Vec<(f64, f64, &str)> = labelled
+            .filter(|((x, y), label)| self.x.shows(*x) && self.y.shows(*y) && !label.is_empty())
+            .map(|(&(x, y), label)| (px(x), py(y), label.as_str()))
+            .collect();
+        let [left, top, right, bottom] = MARGINS;
+        let places = label::places(&labels, &marks, [left, top, WIDTH - right, HEIGHT - bottom]);
+        let text = |(place, &(.., label)): (&label::Place, &(f64, f64, &str))| {
+            let (class, label) = (place.class, escape(label));
+            format!("<text class=\"{class} tag\" x=\"{:.1}\" y=\"{:.1}\">{label}</text>\n", place.x, place.y)
+        };
+        places.iter().zip(&labels).map(text).collect()
     }
 }
 

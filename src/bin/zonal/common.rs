@@ -9,10 +9,10 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use zonal::calibrate::{CalibrateError, CalibrationSet};
 use zonal::capture::CaptureError;
 use zonal::export::ShMaterial;
-use zonal::measure::MeasureError;
+use zonal::measure::{MeasureError, RunRecord};
 use zonal::optics::Rig;
 use zonal::patterns::Plan;
-use zonal::reduce::ReduceError;
+use zonal::reduce::{Coefficients, ReduceError};
 use zonal::reflectance::{Brdf, Model, open};
 use zonal::store;
 use zonal::twin::{TwinBench, TwinConfig};
@@ -55,6 +55,14 @@ pub fn material(name: &str) -> anyhow::Result<Material> {
         return Ok(Material { brdf: Arc::new(sh), model: None, history });
     }
     Ok(Material { brdf: open(name)?, model: None, history: name.to_owned() })
+}
+
+/// The record and the coefficients of a run that has ended well.
+pub fn run(folder: &Path) -> anyhow::Result<(RunRecord, Coefficients)> {
+    let record = RunRecord::read_complete(folder)?;
+    let coefficients = Coefficients::read(&folder.join("coefficients.exr"))
+        .with_context(|| format!("no coefficients (`zonal reduce {}` makes them again)", folder.display()))?;
+    Ok((record, coefficients))
 }
 
 /// A progress bar over frames on stderr, with the rig's time left; silent where nobody watches.

@@ -12,6 +12,7 @@ mod patterns;
 mod plan;
 mod reduce;
 mod render;
+mod report;
 
 use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
@@ -55,6 +56,8 @@ enum Command {
     Convert(convert::Args),
     /// How far a model is from the truth.
     Compare(compare::Args),
+    /// Models fitted to a run, compared on one HTML page.
+    Report(report::Args),
     /// A sphere or a cylinder of a material or a converted run.
     Render(render::Args),
     /// A material or a converted run as a file for other programs.
@@ -78,6 +81,7 @@ fn main() -> ExitCode {
         Command::Reduce(args) => reduce::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Compare(args) => compare::run(&args),
+        Command::Report(args) => report::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Export(args) => export::run(&args),
     };

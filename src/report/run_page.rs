@@ -1,0 +1,72 @@
+//! The page of a run.
+
+use super::html::{document, gallery, heading, provenance, slices, spectrum, summary};
+use super::text::{degrees, escape, percent};
+use super::{RunReport, fit_sections};
+
+/// The whole page.
+pub fn page(report: &RunReport) -> String {
+    let (record, fits) = (&report.record, &report.fits);
+    let sample = &record.provenance.sample;
+    let sections = [
+        summary(sample, record, &found(report)),
+        fit_sections::warnings(fits),
+        pictures(report),
+        fit_sections::chosen(fits),
+        fit_sections::comparison(fits),
+        slices(&report.slices),
+        spectrum(&report.spectrum),
+        fit_sections::residuals(fits),
+        fit_sections::plausibility(fits),
+        origin(report),
+    ];
+    document(&format!("{sample} measured by {}", record.rig), &sections.concat())
+}
+
+/// What the fit found, for the summary.
+fn found(report: &RunReport) -> String {
+    let fits = &report.fits;
+    let model = fits.chosen().model;
+    match (&report.truth, &fits.of(fits.requested).errors) {
+        (Some(truth), Some(errors)) => format!(
+            "; the fit ({model}) is {} off {} inside the measured zone and {} outside",
+            percent(errors.mean.rel_in),
+            escape(truth),
+            percent(errors.mean.rel_out)
+        ),
+        _ => format!("; the fit ({model}) misses the coefficients by {} of z₀₀", percent(fits.chosen().misfit_rel)),
+    }
+}
+
+fn pictures(report: &RunReport) -> String {
+    if report.pictures.is_empty() {
+        return String::new();
+    }
+    let title = if report.truth.is_some() { "The fit, against the truth" } else { "The fit" };
+    heading(title) + &gallery("pair", &report.pictures)
+}
+
+fn origin(report: &RunReport) -> String {
+    let (r, fit) = (&report.record, report.fits.chosen());
+    let calibration = format!(
+        "edges of the zone known to {}°, scales of the channels to {}; both are part of the standard errors",
+        degrees(fit.calibration.edge_deg),
+        percent(fit.calibration.scale_rel)
+    );
+    let seed = r.provenance.simulation.as_ref().and_then(|s| s.get("seed")).map(ToString::to_string);
+    let history = fit.history.replace(',', ", ");
+    let rows = [
+        ("Sample", Some(r.provenance.sample.as_str())),
+        ("Truth", report.truth.as_deref()),
+        ("Rig", Some(&r.rig)),
+        ("Plan", Some(&r.plan)),
+        ("Measured by", Some(&r.software)),
+        ("Fitted by", Some(&fit.software)),
+        ("Calibration", Some(&calibration)),
+        ("Seed of the simulated rig", seed.as_deref()),
+        ("Units", Some(&fit.units)),
+        ("Colours", Some(&fit.colour_space)),
+        ("History", Some(&history)),
+    ];
+    provenance(rows.into_iter().filter_map(|(name, value)| Some((name, value?))))
+}
