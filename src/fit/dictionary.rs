@@ -203,3 +203,28 @@ impl Family for MixtureFamily {
         vec![Vec::new()]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::basis::size;
+    use crate::fit::{FitMethod, FitOptions, fit};
+    use crate::geometry::{ExitantGrid, Zone};
+    use crate::reduce::Coefficients;
+
+    #[test]
+    fn an_anisotropic_mixture_names_every_lobe() {
+        let (order, grid) = (2, ExitantGrid::new(Zone::from_degrees(9.0, 57.0).unwrap(), 4, 8));
+        let n = 3 * grid.len();
+        let mut values = vec![0.0; size(order) * n];
+        values[..n].fill(0.1);
+        // The same cos(2 phi_i) for every camera: light from along the grain is reflected more.
+        values[8 * n..].fill(0.02);
+        let sigma = vec![1e-4; values.len()];
+        let coefficients = Coefficients { grid, order, values, sigma, history: String::new() };
+        let report = fit(&coefficients, FitMethod::Mixture, &FitOptions::default()).unwrap();
+        let lobes = report.parameters.keys().filter(|n| n.starts_with("half_") && n.ends_with("_r")).count();
+        assert!(lobes > 0 && report.parameters.len() == 3 * (lobes + 1), "{:?}", report.parameters);
+        assert!(report.parameters.keys().all(|n| n.starts_with("kd") || n.split('_').count() == 5));
+        assert!(report.isotropy_chi > 10.0, "{}", report.isotropy_chi);
+    }
+}

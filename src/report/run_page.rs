@@ -1,5 +1,7 @@
 //! The page of a run.
 
+use std::path::Path;
+
 use super::html::{document, gallery, heading, provenance, slices, spectrum, summary};
 use super::text::{degrees, escape, percent};
 use super::{RunReport, fit_sections};
@@ -7,7 +9,7 @@ use super::{RunReport, fit_sections};
 /// The whole page.
 pub fn page(report: &RunReport) -> String {
     let (record, fits) = (&report.record, &report.fits);
-    let sample = &record.provenance.sample;
+    let sample = file_name(&record.provenance.sample);
     let sections = [
         summary(sample, record, &found(report)),
         fit_sections::warnings(fits),
@@ -23,6 +25,11 @@ pub fn page(report: &RunReport) -> String {
     document(&format!("{sample} measured by {}", record.rig), &sections.concat())
 }
 
+/// The last part of a path; a name stays as it is.
+fn file_name(material: &str) -> &str {
+    Path::new(material).file_name().and_then(|name| name.to_str()).unwrap_or(material)
+}
+
 /// What the fit found, for the summary.
 fn found(report: &RunReport) -> String {
     let fits = &report.fits;
@@ -31,7 +38,7 @@ fn found(report: &RunReport) -> String {
         (Some(truth), Some(errors)) => format!(
             "; the fit ({model}) is {} off {} inside the measured zone and {} outside",
             percent(errors.mean.rel_in),
-            escape(truth),
+            escape(file_name(truth)),
             percent(errors.mean.rel_out)
         ),
         _ => format!("; the fit ({model}) misses the coefficients by {} of z₀₀", percent(fits.chosen().misfit_rel)),
