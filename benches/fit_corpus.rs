@@ -49,13 +49,13 @@ fn exact(brdf: &dyn Brdf, order: usize) -> Coefficients {
         Coefficients { grid, order, values: vec![0.0; n], sigma: vec![1.0; n], history: "exact".into() };
     let folded = Observations::folded(&coefficients);
     let predicted = Forward::new(&folded, Fineness { radial: 64, around: 160 }).unwrap().predict(brdf);
-    for c in 0..3 {
+    for (c, predicted) in predicted.iter().enumerate() {
         for k in 0..size(order) {
             let (l, m) = lm(k);
             let term = folded.terms.iter().position(|&t| t == zonal::basis::index(l, m.abs())).unwrap();
             for cell in 0..grid.len() {
                 let phi = f64::from(m) * grid.phi(cell % grid.sectors());
-                let z = predicted[c][cell / grid.sectors() * folded.terms.len() + term];
+                let z = predicted[cell / grid.sectors() * folded.terms.len() + term];
                 let turned = if m >= 0 { z * phi.cos() } else { -z * phi.sin() };
                 coefficients.values[(k * 3 + c) * grid.len() + cell] = turned as f32;
             }

@@ -9,6 +9,7 @@ use std::sync::LazyLock;
 use serde_json::Value;
 use tempfile::TempDir;
 use zonal::fit::FitMethod;
+use zonal::reduce::Coefficients;
 
 const PLAN: &str = "format = 1\nname = \"small\"\norder = 2\nrepeats = 1\n\
     [exposure]\ncount = 2\nshortest_refreshes = 2\nspacing = 8\n[exitant]\nrings = 8\nsectors = 12\n";
@@ -116,6 +117,13 @@ fn damaged_runs_are_refused() {
     fs::write(&record, &json[..json.len() / 2]).unwrap();
     refused(&desk, "report run", &["run/run.json", "make it again"]);
     fs::write(&record, json).unwrap();
+    let mut black = Coefficients::read(&coefficients).unwrap();
+    black.values.fill(0.0);
+    black.write(&coefficients).unwrap();
+    refused(&desk, "report run", &["z_00 is not positive", "was there a sample"]);
+    black.values.fill(f32::NAN);
+    black.write(&coefficients).unwrap();
+    refused(&desk, "report run", &["no exitant direction with data", "reduce the run again"]);
     fs::write(&coefficients, &whole[..whole.len() / 2]).unwrap();
     refused(&desk, "report run", &["coefficients.exr", "`zonal reduce run`"]);
     fs::remove_file(&coefficients).unwrap();

@@ -224,7 +224,7 @@ mod tests {
         let report = fit(&coefficients, FitMethod::Mixture, &FitOptions::default()).unwrap();
         let lobes = report.parameters.keys().filter(|n| n.starts_with("half_") && n.ends_with("_r")).count();
         assert!(lobes > 0 && report.parameters.len() == 3 * (lobes + 1), "{:?}", report.parameters);
-        assert!(report.parameters.keys().all(|n| n.starts_with("kd") || n.split('_').count() == 5));
+        assert!(report.parameters.keys().any(|n| n.split('_').count() == 5), "{:?}", report.parameters);
         assert!(report.isotropy_chi > 10.0, "{}", report.isotropy_chi);
     }
 }

@@ -26,11 +26,13 @@ pub fn page(report: &DemoReport) -> String {
     document(&report.title, &sections.concat())
 }
 
-/// How far the conversion is off, for the summary.
+/// How far the fit and the conversion are off, for the summary.
 fn off(report: &DemoReport) -> String {
-    exported(&report.methods).map_or_else(String::new, |(inside, outside)| {
-        format!("; the conversion is {} off inside the measured zone and {} outside", percent(inside), percent(outside))
-    })
+    let fit = fit_sections::found(&report.fits, "the truth");
+    let conversion = exported(&report.methods).map_or_else(String::new, |(inside, outside)| {
+        format!(", the conversion {} and {}", percent(inside), percent(outside))
+    });
+    format!("; {fit}{conversion}")
 }
 
 /// Errors, inside and outside, of the method that the run is exported with.

@@ -3,10 +3,31 @@
 use super::figures::{chart_figure, fits_chart};
 use super::heat::heat_svg;
 use super::html::{heading, number_cells, table_head};
-use super::text::{escape, number, percent, seconds, signed_percent};
+use super::text::{escape, number, percent, seconds};
 use super::{Fits, MethodFit};
 use crate::fit::{Candidate, FitMethod, FitReport};
 use crate::reflectance::ALBEDO_DEG;
+
+/// How far the chosen model is from the truth, or from the coefficients where no truth is known: the end of a sentence.
+pub fn found(fits: &Fits, truth: &str) -> String {
+    let report = fits.chosen();
+    match &fits.of(fits.requested).errors {
+        Some(errors) => format!(
+            "the fitted model ({}) is {} off {} inside the measured zone and {} outside",
+            report.model,
+            percent(errors.mean.rel_in),
+            escape(truth),
+            percent(errors.mean.rel_out)
+        ),
+        None => {
+            format!(
+                "the fitted model ({}) misses the coefficients by {} of z₀₀",
+                report.model,
+                percent(report.misfit_rel)
+            )
+        }
+    }
+}
 
 /// What the user must know before using the chosen model.
 pub fn warnings(fits: &Fits) -> String {
@@ -143,7 +164,7 @@ fn comparison_row(f: &MethodFit, columns: &[&str], requested: FitMethod) -> Stri
             let e = &e.mean;
             let rel = [e.rel_in, e.rel_out].map(percent);
             let log = [e.log_in, e.log_out].map(|l| number(l, 2));
-            rel.into_iter().chain(log).chain(e.albedo_error.map(signed_percent)).collect()
+            rel.into_iter().chain(log).chain(e.albedo_error.map(tenth_percent)).collect()
         }
         None => vec!["–".into(); columns.len() - 3],
     };
@@ -157,6 +178,11 @@ fn comparison_row(f: &MethodFit, columns: &[&str], requested: FitMethod) -> Stri
         name += " (the search failed)";
     }
     format!("<tr{class}><th scope=\"row\">{name}</th>{}</tr>\n", number_cells(columns, &values))
+}
+
+/// A signed ratio in percent, to a tenth.
+fn tenth_percent(ratio: f64) -> String {
+    if ratio.is_finite() { format!("{:+.1} %", 100.0 * ratio).replace('-', "−") } else { "–".into() }
 }
 
 /// Where the chosen model misses.

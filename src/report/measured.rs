@@ -6,7 +6,7 @@ use super::{AccuracyPoint, MethodRow, Picture, ReportError, Slice, SpectrumPoint
 use crate::basis::{Conversion, ConversionError, Method};
 use crate::export::ShMaterial;
 use crate::fit::{Fineness, Forward, Observations};
-use crate::geometry::{Direction, Zone};
+use crate::geometry::Direction;
 use crate::optics::Rig;
 use crate::patterns::{Plan, Timing};
 use crate::reduce::Coefficients;
@@ -85,28 +85,33 @@ fn curve(brdf: &dyn Brdf, theta_o_deg: f64) -> Vec<(f64, f64)> {
 
 /// Pictures of `model` on some shapes, under one light and in the studio probe; the truth, where known, to its right.
 pub fn pictures(shapes: &[Shape], what: &str, model: &dyn Brdf, truth: Option<&dyn Brdf>) -> Vec<Picture> {
+    const LIGHTS: [&str; 2] = ["under a directional light", "in a studio light probe"];
     let probe = Probe::studio();
-    let lights: [(&str, &dyn Fn(Shape, &dyn Brdf) -> Image); 2] = [
-        ("under a directional light", &|shape, brdf| shape.in_key_light(brdf, SIZE)),
-        ("in a studio light probe", &|shape, brdf| shape.in_probe(brdf, &probe, SIZE)),
-    ];
-    let picture = |shape: Shape, (light, render): (&str, &dyn Fn(Shape, &dyn Brdf) -> Image)| {
+    let images = |shape: Shape, brdf: &dyn Brdf| [shape.in_key_light(brdf, SIZE), shape.in_probe(brdf, &probe, SIZE)];
+    let percent = |x: Option<f64>| super::text::percent(x.unwrap_or(f64::NAN));
+    let mut pictures = Vec::new();
+    for &shape in shapes {
         let name = match shape {
             Shape::Sphere => "Sphere",
             Shape::Cylinder => "Cylinder",
         };
-        let image = render(shape, model);
-        let Some(truth) = truth.map(|truth| render(shape, truth)) else {
-            return Picture { caption: format!("{name} {light}: {what}"), png: image.to_png(1.0) };
-        };
-        let percent = |x: Option<f64>| super::text::percent(x.unwrap_or(f64::NAN));
-        let (mean, rms) = (percent(image.relative_mean(&truth)), percent(image.relative_rms(&truth)));
-        Picture {
-            caption: format!("{name} {light}: {what} (left), truth (right); mean difference {mean}, RMS {rms}"),
-            png: Image::side_by_side(&[image, truth]).to_png(1.0),
+        let beside = truth.map(|truth| images(shape, truth));
+        for (i, image) in images(shape, model).into_iter().enumerate() {
+            let light = LIGHTS[i];
+            pictures.push(match beside.as_ref().map(|beside| &beside[i]) {
+                Some(truth) => Picture {
+                    caption: format!(
+                        "{name} {light}: {what} (left), truth (right); mean difference {}, RMS {}",
+                        percent(image.relative_mean(truth)),
+                        percent(image.relative_rms(truth))
+                    ),
+                    png: Image::side_by_side(&[image, truth.clone()]).to_png(1.0),
+                },
+                None => Picture { caption: format!("{name} {light}: {what}"), png: image.to_png(1.0) },
+            });
         }
-    };
-    shapes.iter().flat_map(|&shape| lights.map(|light| picture(shape, light))).collect()
+    }
+    pictures
 }
 
 /// What each order up to the run's costs on `rig`, and how far its parity reconstruction is from the truth.
@@ -127,7 +132,7 @@ pub fn accuracy(rig: &Rig, measured: &Coefficients, truth: &dyn Brdf) -> Result<
 /// # Errors
 /// [`ConversionError`]; that noise forbids a method is none, its row says so.
 pub fn conversions(measured: &Coefficients, truth: &dyn Brdf) -> Result<Vec<MethodRow>, ConversionError> {
-    let zone: Zone = measured.grid.zone();
+    let zone = measured.grid.zone();
     let row = |method: Method| {
         let conversion = Conversion::new(method, zone, measured.order)?;
         let errors = ZoneErrors::new(&ShMaterial::new(measured, &conversion), truth, zone);

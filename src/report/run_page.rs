@@ -3,15 +3,16 @@
 use std::path::Path;
 
 use super::html::{document, gallery, heading, provenance, slices, spectrum, summary};
-use super::text::{degrees, escape, percent};
+use super::text::{degrees, percent};
 use super::{RunReport, fit_sections};
 
 /// The whole page.
 pub fn page(report: &RunReport) -> String {
     let (record, fits) = (&report.record, &report.fits);
     let sample = file_name(&record.provenance.sample);
+    let truth = report.truth.as_deref().map_or("the truth", file_name);
     let sections = [
-        summary(sample, record, &found(report)),
+        summary(sample, record, &format!("; {}", fit_sections::found(fits, truth))),
         fit_sections::warnings(fits),
         pictures(report),
         fit_sections::chosen(fits),
@@ -28,21 +29,6 @@ pub fn page(report: &RunReport) -> String {
 /// The last part of a path; a name stays as it is.
 fn file_name(material: &str) -> &str {
     Path::new(material).file_name().and_then(|name| name.to_str()).unwrap_or(material)
-}
-
-/// What the fit found, for the summary.
-fn found(report: &RunReport) -> String {
-    let fits = &report.fits;
-    let model = fits.chosen().model;
-    match (&report.truth, &fits.of(fits.requested).errors) {
-        (Some(truth), Some(errors)) => format!(
-            "; the fit ({model}) is {} off {} inside the measured zone and {} outside",
-            percent(errors.mean.rel_in),
-            escape(file_name(truth)),
-            percent(errors.mean.rel_out)
-        ),
-        _ => format!("; the fit ({model}) misses the coefficients by {} of z₀₀", percent(fits.chosen().misfit_rel)),
-    }
 }
 
 fn pictures(report: &RunReport) -> String {

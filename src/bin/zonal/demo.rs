@@ -71,14 +71,20 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     let html = args.out.join("index.html");
     store::write(&html, page.to_html().as_bytes())?;
     let record = &page.record;
+    let fit = page.fits.of(FitMethod::Auto);
+    let off = fit.errors.map(|e| e.mean);
+    let off_percent = |error: Option<f64>| 100.0 * error.unwrap_or(f64::NAN);
     let text = format!(
-        "{}: order {ORDER}, {} frames, {:.1} s on the rig; computed in {:.0} s\nerror of f_cos {:.1}% in the zone, {:.1}% outside\npage: {}\nrun:  {}\nSH:   {}",
+        "{}: order {ORDER}, {} frames, {:.1} s on the rig; computed in {:.0} s\nerror of f_cos: spherical harmonics {:.1}% in the zone, {:.1}% outside; fit ({}) {:.1}% and {:.1}%\npage: {}\nrun:  {}\nSH:   {}",
         args.material,
         record.frames,
         record.rig_s,
         started.elapsed().as_secs_f64(),
         100.0 * errors.inside,
         100.0 * errors.outside,
+        fit.report.model,
+        off_percent(off.map(|e| e.rel_in)),
+        off_percent(off.map(|e| e.rel_out)),
         html.display(),
         run.display(),
         exr.display()
@@ -86,6 +92,7 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     let json = serde_json::json!({
         "page": common::said(&html), "run": common::said(&run), "sh": common::said(&exr), "measure": record, "seconds": started.elapsed().as_secs_f64(),
         "error_in": errors.inside, "error_out": errors.outside,
+        "model": fit.report.model, "fit_errors": off,
     });
     Ok(Report { text, json })
 }
