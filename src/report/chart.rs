@@ -8,7 +8,7 @@ use super::text::escape;
 const WIDTH: f64 = 360.0;
 const HEIGHT: f64 = 270.0;
 /// Space around the plot: left, top, right, bottom.
-const MARGINS: [f64; 4] = [54.0, 26.0, 14.0, 44.0];
+const MARGINS: [f64; 4] = [60.0, 26.0, 14.0, 44.0];
 /// Mean width of a character of a tick label, user units.
 const CHARACTER: f64 = 7.0;
 /// Styles of series: colour and dash are in the page's style sheet as `.s0` (the truth) to `.s6`.

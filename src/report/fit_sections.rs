@@ -182,7 +182,18 @@ fn comparison_row(f: &MethodFit, columns: &[&str], requested: FitMethod) -> Stri
 
 /// A signed ratio in percent, to a tenth.
 fn tenth_percent(ratio: f64) -> String {
-    if ratio.is_finite() { format!("{:+.1} %", 100.0 * ratio).replace('-', "−") } else { "–".into() }
+    if !ratio.is_finite() {
+        return "–".into();
+    }
+    let tenths = (1000.0 * ratio).round();
+    let sign = if tenths > 0.0 {
+        "+"
+    } else if tenths < 0.0 {
+        "−"
+    } else {
+        ""
+    };
+    format!("{sign}{:.1} %", tenths.abs() / 10.0)
 }
 
 /// Where the chosen model misses.
@@ -232,4 +243,25 @@ pub fn plausibility(fits: &Fits) -> String {
         + &format!("<ul>\n{energy}{reciprocity}{sign}</ul>\n<table>\n")
         + &table_head("Albedo at θₒ", &COLUMNS, None)
         + &format!("<tbody>\n{rows}</tbody>\n</table>\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_have_the_digits_their_errors_leave() {
+        assert_eq!(with_error(0.123_456, Some(0.002)), "0.123 ± 0.0020");
+        assert_eq!(with_error(0.1, None), "0.100");
+        assert_eq!(with_error(0.0, Some(0.01)), "0 ± 0.010");
+        assert_eq!(with_error(0.5, Some(f64::NAN)), "0.500");
+    }
+
+    #[test]
+    fn small_ratios_have_no_sign() {
+        assert_eq!(
+            [0.0004, -0.0004, 0.0123, -0.5, f64::NAN].map(tenth_percent),
+            ["0.0 %", "0.0 %", "+1.2 %", "−50.0 %", "–"]
+        );
+    }
 }

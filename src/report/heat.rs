@@ -6,7 +6,7 @@ use crate::fit::ResidualMap;
 
 const WIDTH: f64 = 360.0;
 /// Space around the cells: left, top, right, bottom.
-const MARGINS: [f64; 4] = [54.0, 34.0, 14.0, 44.0];
+const MARGINS: [f64; 4] = [60.0, 34.0, 14.0, 44.0];
 /// Height of one degree's row, user units.
 const ROW: f64 = 26.0;
 /// Exitant angles written below the columns, at most.

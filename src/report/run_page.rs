@@ -35,8 +35,10 @@ fn pictures(report: &RunReport) -> String {
     if report.pictures.is_empty() {
         return String::new();
     }
-    let title = if report.truth.is_some() { "The fit, against the truth" } else { "The fit" };
-    heading(title) + &gallery("pair", &report.pictures)
+    // With the truth beside it, a picture takes twice the room.
+    let (title, layout) =
+        if report.truth.is_some() { ("The fit, against the truth", "pair") } else { ("The fit", "row") };
+    heading(title) + &gallery(layout, &report.pictures)
 }
 
 fn origin(report: &RunReport) -> String {
