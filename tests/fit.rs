@@ -66,7 +66,7 @@ fn random_starts_reach_one_optimum() {
             GgxLobe { alpha: [0.35; 2], f0: [0.2, 0.1, 0.05], f90: [0.4; 3] },
         ],
     };
-    let cases: [(FitMethod, Ggx, Vec<(&str, f64)>); 2] = [
+    let cases = [
         (FitMethod::Ggx, glossy(0.1), vec![("alpha", 0.1)]),
         (FitMethod::Ggx2, two, vec![("alpha", 0.08), ("alpha_2", 0.35)]),
     ];

@@ -88,10 +88,10 @@ impl Dictionary {
         (family, minimum)
     }
 
-    /// Lobes of both kinds: which ones from the mean of the channels, their weights by channel.
+    /// Lobes of both kinds (of half vectors alone where widths differ across the grain): which ones from the mean of the channels, their weights by channel.
     pub fn mixture(&self, likelihood: &Likelihood<'_>) -> (MixtureFamily, Minimum) {
-        let all: Vec<(Kind, usize)> =
-            [Kind::Ggx, Kind::Half].into_iter().flat_map(|k| (0..2 * self.alphas.len()).map(move |i| (k, i))).collect();
+        let kinds = [(Kind::Ggx, self.ggx.len()), (Kind::Half, self.half.len())];
+        let all: Vec<(Kind, usize)> = kinds.into_iter().flat_map(|(k, n)| (0..2 * n).map(move |i| (k, i))).collect();
         let columns: Vec<Vec<f64>> = all.iter().map(|&(kind, i)| self.column(kind, i).to_vec()).collect();
         let found = likelihood.gray().dual(&columns, 0).non_negative();
         let used = found.x.iter().skip(1).zip(&all).filter(|(x, _)| **x > 0.0).map(|(_, &u)| u);
@@ -200,7 +200,9 @@ impl Family for MixtureFamily {
     fn linear(&self) -> Vec<String> {
         let name = |t: &MixtureTerm| {
             let kind = if t.kind == Kind::Ggx { "ggx" } else { "half" };
-            format!("{kind}_{:.4}_{}", t.alpha[0], if t.grazing { "f90" } else { "f0" })
+            let [along, across] = t.alpha.map(|alpha| format!("{alpha:.4}"));
+            let width = if along == across { along } else { format!("{along}_{across}") };
+            format!("{kind}_{width}_{}", if t.grazing { "f90" } else { "f0" })
         };
         std::iter::once("kd".into()).chain(self.terms.iter().map(name)).collect()
     }
@@ -240,5 +242,30 @@ impl Family for MixtureFamily {
 
     fn starts(&self) -> Vec<Vec<f64>> {
         vec![Vec::new()]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::basis::size;
+    use crate::fit::{FitMethod, FitOptions, fit};
+    use crate::geometry::{ExitantGrid, Zone};
+    use crate::reduce::Coefficients;
+
+    #[test]
+    fn an_anisotropic_mixture_names_every_lobe() {
+        let (order, grid) = (2, ExitantGrid::new(Zone::from_degrees(9.0, 57.0).unwrap(), 4, 8));
+        let n = 3 * grid.len();
+        let mut values = vec![0.0; size(order) * n];
+        values[..n].fill(0.1);
+        // The same cos(2 phi_i) for every camera: light from along the grain is reflected more.
+        values[8 * n..].fill(0.02);
+        let sigma = vec![1e-4; values.len()];
+        let coefficients = Coefficients { grid, order, values, sigma, history: String::new() };
+        let report = fit(&coefficients, FitMethod::Mixture, &FitOptions::default()).unwrap();
+        let lobes = report.parameters.keys().filter(|n| n.starts_with("half_") && n.ends_with("_r")).count();
+        assert!(lobes > 0 && report.parameters.len() == 3 * (lobes + 1), "{:?}", report.parameters);
+        assert!(report.parameters.keys().any(|n| n.split('_').count() == 5), "{:?}", report.parameters);
+        assert!(report.isotropy_chi > 10.0, "{}", report.isotropy_chi);
     }
 }

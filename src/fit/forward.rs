@@ -60,6 +60,13 @@ impl Default for Fineness {
     }
 }
 
+impl Fineness {
+    /// What data deserve: single exitant directions are noisier than averages over a ring, and there are more of them.
+    pub fn of(observations: &Observations) -> Self {
+        if observations.folded { Self::default() } else { Self { radial: 24, around: 40 } }
+    }
+}
+
 impl Forward {
     /// The rule for the stations of `observations`.
     ///

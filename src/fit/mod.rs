@@ -80,17 +80,13 @@ pub(crate) struct Fitted {
     model: Model,
 }
 
-/// Deviation from isotropy, over z_00 and beyond noise, from which on a sample is fitted as anisotropic.
-const ANISOTROPIC: f64 = 0.01;
-
 /// Fits a model to the coefficients of a run.
 ///
 /// # Errors
 /// [`FitError`]. A search that did not converge is no error: its report says so.
 pub fn fit(coefficients: &Coefficients, method: FitMethod, options: &FitOptions) -> Result<FitReport, FitError> {
     let started = Instant::now();
-    let folded = Observations::folded(coefficients);
-    let observations = if folded.anisotropy > ANISOTROPIC { Observations::anisotropic(coefficients) } else { folded };
+    let observations = Observations::of(coefficients);
     if observations.is_empty() {
         return Err(FitError::NoData);
     }

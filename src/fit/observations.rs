@@ -20,9 +20,10 @@ pub struct Observations {
     pub stations: Vec<Station>,
     /// Whether rings were averaged on the assumption of isotropy.
     pub folded: bool,
-    /// RMS over the data of (deviation from the ring's mean) / sigma: 1 for an isotropic sample. 1 if not folded.
+    /// RMS over the data of (deviation from the ring's mean) / sigma: 1 for an isotropic sample, and of
+    /// [`Observations::anisotropic`].
     pub isotropy_chi: f64,
-    /// RMS deviation from the ring's mean beyond noise, over RMS z_00. 0 if not folded.
+    /// RMS deviation from the ring's mean beyond noise, over RMS z_00; 0 of [`Observations::anisotropic`].
     pub anisotropy: f64,
 }
 
@@ -49,8 +50,20 @@ impl Station {
 /// Rings and sectors of anisotropic observations are thinned to about these many.
 const ANISOTROPIC_RINGS: usize = 11;
 const ANISOTROPIC_SECTORS: usize = 16;
+/// Deviation from isotropy, over z_00 and beyond noise, from which on a sample counts as anisotropic.
+const ANISOTROPIC: f64 = 0.04;
 
 impl Observations {
+    /// What a fit uses: [`Observations::folded`], or [`Observations::anisotropic`] where the sample is not isotropic.
+    pub fn of(coefficients: &Coefficients) -> Self {
+        let folded = Self::folded(coefficients);
+        if folded.anisotropy > ANISOTROPIC {
+            let Self { isotropy_chi, anisotropy, .. } = folded;
+            return Self { isotropy_chi, anisotropy, ..Self::anisotropic(coefficients) };
+        }
+        folded
+    }
+
     /// Averages each ring over its azimuths, by inverse variance, as if the sample were isotropic.
     pub fn folded(coefficients: &Coefficients) -> Self {
         let grid = coefficients.grid;

@@ -213,7 +213,8 @@ impl FitReport {
         if let Some(share) = observations.backscatter_share().filter(|s| *s > RETRO) {
             warnings.push(format!(
                 "the sample sends light back to its source ({share:.1} times what it mirrors): families of half vectors cannot \
-                 describe it; this one misses by {} of z_00",
+                 describe it; {} misses by {} of z_00",
+                self.model,
                 percent(self.misfit_rel)
             ));
         } else if self.misfit_rel > MISFIT {

@@ -81,7 +81,7 @@ pub(super) fn polish(family: &dyn Family, likelihood: &Likelihood<'_>, start: &[
     }
     let mut problem = Problem { family, likelihood, inner: DVector::from_vec(scale.inward(start)), scale, state: None };
     problem.update();
-    let solver = LevenbergMarquardt::new().with_patience(40).with_ftol(TOLERANCE).with_xtol(TOLERANCE);
+    let solver = LevenbergMarquardt::new().with_patience(PATIENCE).with_ftol(CHI2_TOLERANCE).with_xtol(STEP_TOLERANCE);
     let (problem, report) = solver.minimize(problem);
     let termination = match report.termination {
         TerminationReason::Converged { .. }
@@ -97,8 +97,12 @@ pub(super) fn polish(family: &dyn Family, likelihood: &Likelihood<'_>, start: &[
     Minimum { theta, columns, solution, evaluations: report.number_of_evaluations, termination }
 }
 
-/// Relative changes below this end the search: a thousandth of what the best data tell apart.
-const TOLERANCE: f64 = 1e-9;
+/// A relative change of chi squared below this ends the search: noise moves it by far more.
+const CHI2_TOLERANCE: f64 = 1e-7;
+/// The same of the search variables, which standard errors of the best data do not reach.
+const STEP_TOLERANCE: f64 = 1e-6;
+/// Evaluations of Levenberg-Marquardt for each shape parameter, and once more.
+const PATIENCE: usize = 30;
 /// Evaluations of the simplex for each shape parameter.
 const SIMPLEX_PATIENCE: u64 = 16;
 /// Step of numerical derivatives in the search variable.

@@ -22,7 +22,7 @@ pub(super) struct Session<'a> {
 
 impl<'a> Session<'a> {
     pub fn new(observations: &'a Observations) -> Result<Self, OrderError> {
-        let forward = Forward::new(observations, Fineness::default())?;
+        let forward = Forward::new(observations, Fineness::of(observations))?;
         let lambert = lambert_column(&forward);
         Ok(Self { observations, forward, lambert, dictionary: OnceLock::new() })
     }

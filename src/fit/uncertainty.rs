@@ -84,7 +84,7 @@ fn moved(zone: &Zone, edge: usize, by_deg: f64) -> Zone {
 
 /// Integrals over the zone really lit, and the factor by which the gray card's calibration scales them.
 pub(super) fn shifted_forward(observations: &Observations, zone: Zone) -> Result<(Forward, f64), OrderError> {
-    let forward = Forward::over(observations, zone, Fineness::default())?;
+    let forward = Forward::over(observations, zone, Fineness::of(observations))?;
     let gray = |zone: Zone| gray_card_coefficients(zone, 0, 1.0)[0];
     Ok((forward, gray(observations.grid.zone()) / gray(zone)))
 }

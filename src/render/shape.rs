@@ -22,6 +22,9 @@ pub enum Shape {
     Cylinder,
 }
 
+/// Towards the light of [`Shape::in_key_light`], in the frame of the picture; any length.
+const KEY_LIGHT: [f64; 3] = [0.45, 0.55, 0.7];
+
 impl Shape {
     /// The shape under one directional light: each pixel is f_cos times `irradiance`.
     ///
@@ -29,6 +32,12 @@ impl Shape {
     /// any unit; `size` is the picture's side in pixels. Nothing casts a shadow on another part.
     pub fn directional(self, brdf: &dyn Brdf, light: Direction<View>, irradiance: [f64; 3], size: usize) -> Image {
         self.lit(brdf, &[ProbeLight { direction: light, irradiance }], size)
+    }
+
+    /// The shape under the light of preview pictures: from above, to the right, towards the viewer, of irradiance pi, so
+    /// that a diffuser facing it shows its albedo.
+    pub fn in_key_light(self, brdf: &dyn Brdf, size: usize) -> Image {
+        self.directional(brdf, Direction::new(Vector3::from(KEY_LIGHT)), [std::f64::consts::PI; 3], size)
     }
 
     /// The shape in a light probe: each pixel is the integral of f_cos times the probe's radiance.
@@ -40,7 +49,16 @@ impl Shape {
 
     fn lit(self, brdf: &dyn Brdf, lights: &[ProbeLight], size: usize) -> Image {
         let row = |y: usize| (0..size).map(move |x| self.pixel(brdf, lights, size, x, y));
-        Image { width: size, height: size, pixels: (0..size).into_par_iter().flat_map_iter(row).collect() }
+        let pixels = match self {
+            Self::Sphere => (0..size).into_par_iter().flat_map_iter(row).collect(),
+            // All rows are alike.
+            Self::Cylinder => {
+                let row: Vec<[f32; 3]> =
+                    (0..size).into_par_iter().map(|x| self.pixel(brdf, lights, size, x, 0)).collect();
+                row.repeat(size)
+            }
+        };
+        Image { width: size, height: size, pixels }
     }
 
     /// One sample in the middle; on the sphere's edge a grid of subsamples, those beside it black.

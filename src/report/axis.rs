@@ -26,6 +26,8 @@ pub struct Axis {
 
 /// Magnitudes a chart can show: quotients and products of two stay finite.
 const LARGEST: f64 = 1e150;
+/// Errors of positions in steps.
+const ROUNDING: f64 = 1e-6;
 /// Ticks aimed at.
 const TICKS: f64 = 5.0;
 
@@ -78,7 +80,8 @@ impl Axis {
             Scale::Linear => {
                 let step = nice_step(hi - lo);
                 let decimals = (-step.log10().floor()).clamp(0.0, 12.0) as usize;
-                let (first, last) = ((lo / step).round() as i64, (hi / step).round() as i64);
+                // The step of a widened range may not divide its ends; rounding must not lose those it does.
+                let (first, last) = ((lo / step - ROUNDING).ceil() as i64, (hi / step + ROUNDING).floor() as i64);
                 let label = |x: f64| if x.abs() < 1e5 { format!("{x:.decimals$}") } else { number(x, 3) };
                 (first..=last).map(|i| (i as f64 * step, label(i as f64 * step))).collect()
             }
@@ -140,6 +143,7 @@ mod tests {
     fn ticks_are_round() {
         let labels = |axis: &Axis, range| axis.ticks_in(range).into_iter().map(|t| t.1).collect::<Vec<_>>();
         assert_eq!(labels(&Axis::linear("x"), [0.0, 10.0]), ["0", "2", "4", "6", "8", "10"]);
+        assert_eq!(labels(&Axis::linear("x"), Axis::linear("x").fit([1.5, 6.1].into_iter())), ["2", "4", "6"]);
         assert_eq!(labels(&Axis::log("x"), [5.0, 100.0]), ["5", "10", "20", "50", "100"]);
         assert_eq!(labels(&Axis::log("x"), [1e-4, 1.0]), ["10⁻⁴", "10⁻³", "10⁻²", "10⁻¹", "1"]);
         assert_eq!(Axis::linear("x").fit([0.3, 9.2].into_iter()), [0.0, 10.0]);

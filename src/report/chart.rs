@@ -1,13 +1,14 @@
 //! A chart of series over two axes, as inline SVG.
 
 use super::axis::Axis;
+use super::label;
 use super::text::escape;
 
 /// Drawn width in user units: about that of a phone, so that text keeps its size there.
 const WIDTH: f64 = 360.0;
 const HEIGHT: f64 = 270.0;
 /// Space around the plot: left, top, right, bottom.
-const MARGINS: [f64; 4] = [54.0, 26.0, 14.0, 44.0];
+const MARGINS: [f64; 4] = [60.0, 26.0, 14.0, 44.0];
 /// Mean width of a character of a tick label, user units.
 const CHARACTER: f64 = 7.0;
 /// Styles of series: colour and dash are in the page's style sheet as `.s0` (the truth) to `.s6`.
@@ -88,7 +89,7 @@ impl Chart {
         for series in &self.series {
             svg += &self.draw(series, &px, &py);
         }
-        svg + "</svg>\n"
+        svg + &self.texts(&px, &py) + "</svg>\n"
     }
 
     /// The legend: an HTML list.
@@ -146,16 +147,27 @@ impl Chart {
         if series.mark != Mark::Points {
             svg += &format!("<path class=\"line s{style}\" d=\"{}\"/>\n", path(places.iter().copied()));
         }
-        for (i, (x, y)) in places.iter().enumerate().filter_map(|(i, p)| p.map(|p| (i, p))) {
-            if series.mark != Mark::Line {
-                svg += &symbol(style, x, y);
-            }
-            if let Some(label) = series.labels.get(i).filter(|label| !label.is_empty()) {
-                let y = y - 8.0;
-                svg += &format!("<text class=\"mid tag\" x=\"{x:.1}\" y=\"{y:.1}\">{}</text>\n", escape(label));
-            }
+        if series.mark != Mark::Line {
+            svg.extend(places.iter().flatten().map(|&(x, y)| symbol(style, x, y)));
         }
         svg
+    }
+
+    /// The texts at the points, above all that is drawn.
+    fn texts(&self, px: &dyn Fn(f64) -> f64, py: &dyn Fn(f64) -> f64) -> String {
+        let marks: Vec<(f64, f64)> = self.shown().map(|(x, y)| (px(x), py(y))).collect();
+        let labelled = self.series.iter().flat_map(|s| s.points.iter().zip(&s.labels));
+        let labels: Vec<(f64, f64, &str)> = labelled
+            .filter(|((x, y), label)| self.x.shows(*x) && self.y.shows(*y) && !label.is_empty())
+            .map(|(&(x, y), label)| (px(x), py(y), label.as_str()))
+            .collect();
+        let [left, top, right, bottom] = MARGINS;
+        let places = label::places(&labels, &marks, [left, top, WIDTH - right, HEIGHT - bottom]);
+        let text = |(place, &(.., label)): (&label::Place, &(f64, f64, &str))| {
+            let (class, label) = (place.class, escape(label));
+            format!("<text class=\"{class} tag\" x=\"{:.1}\" y=\"{:.1}\">{label}</text>\n", place.x, place.y)
+        };
+        places.iter().zip(&labels).map(text).collect()
     }
 }
 

@@ -4,8 +4,9 @@ use super::axis::Axis;
 use super::chart::{Chart, Mark, Series};
 use super::polar::{polar_legend, polar_svg};
 use super::text::{degrees, escape};
-use super::{AccuracyPoint, Slice, SpectrumPoint};
+use super::{AccuracyPoint, Fits, MethodFit, Slice, SpectrumPoint};
 use crate::basis::lm;
+use crate::fit::FitMethod;
 
 /// What the rig of the thesis needs for order 4, s (Ghosh 2007, chapter 3).
 const THESIS_RIG_S: f64 = 60.0;
@@ -38,29 +39,76 @@ pub fn accuracy_chart(points: &[AccuracyPoint]) -> Chart {
     }
 }
 
-/// Size and noise of every coefficient; each degree l has a band of the same width, m runs from -l to l inside it.
+/// Size, noise and prediction of every coefficient; each degree l has a band of the same width, m runs from -l (or from 0,
+/// where there are no others) to l inside it.
 pub fn spectrum_chart(points: &[SpectrumPoint]) -> Chart {
+    let signed = points.iter().any(|p| lm(p.k).1 < 0);
     let place = |k: usize| {
         let (l, m) = lm(k);
-        let l = l as f64;
-        l + (f64::from(m) + l + 0.5) / (2.0 * l + 1.0)
+        let (first, count) = if signed { (-(l as f64), 2 * l + 1) } else { (0.0, l + 1) };
+        l as f64 + (f64::from(m) - first + 0.5) / count as f64
     };
     let degrees = points.iter().map(|p| lm(p.k).0 + 1).max().unwrap_or(1);
     let curve = |value: fn(&SpectrumPoint) -> f64| points.iter().map(|p| (place(p.k), value(p))).collect();
+    let from = if signed { "−l" } else { "0" };
     Chart {
-        description: "RMS over exitant directions of each zonal coefficient and of its noise, grouped by degree".into(),
+        description:
+            "RMS over exitant directions of each zonal coefficient, of its noise and of what the model predicts, \
+                      grouped by degree"
+                .into(),
         x: Axis {
             ticks: Some((0..degrees).map(|l| (l as f64 + 0.5, l.to_string())).collect()),
             range: Some([0.0, degrees as f64]),
-            ..Axis::linear("degree l (inside a band: m = −l to l)")
+            ..Axis::linear(format!("degree l (inside a band: m = {from} to l)"))
         },
         y: Axis::log("RMS over wo (1/√sr)"),
         series: vec![
             Series::new("noise, standard error", curve(|p| p.noise), Mark::Line, 2),
-            Series::new("coefficient |z|", curve(|p| p.rms), Mark::Points, 1),
+            Series::new("predicted by the model", curve(|p| p.predicted), Mark::Line, 3),
+            Series::new("measured |z|", curve(|p| p.rms), Mark::Points, 1),
         ],
         markers: Vec::new(),
         bands: (0..degrees).skip(1).step_by(2).map(|l| [l as f64, l as f64 + 1.0]).collect(),
+    }
+}
+
+/// Error of every method against the time its fit took, both logarithmic: against the truth, or where none is known the
+/// misfit to the coefficients.
+pub fn fits_chart(fits: &Fits) -> Chart {
+    let compared = fits.all.iter().any(|f| f.errors.is_some());
+    let error = |f: &MethodFit| match &f.errors {
+        Some(errors) => errors.mean.rel_in,
+        None if compared => f64::NAN,
+        None => f.report.misfit_rel,
+    };
+    let series = |name: &str, style: usize, has: &dyn Fn(FitMethod) -> bool| {
+        let of: Vec<&MethodFit> = fits.all.iter().filter(|f| has(f.report.requested)).collect();
+        Series {
+            labels: of.iter().map(|f| short(f.report.requested).into()).collect(),
+            ..Series::new(name, of.iter().map(|f| (f.report.fit_s, error(f))).collect(), Mark::Points, style)
+        }
+    };
+    let baseline = |m: FitMethod| matches!(m, FitMethod::Thesis | FitMethod::GgxToReconstruction);
+    let what = if compared { "error in the zone" } else { "misfit over z₀₀" };
+    Chart {
+        description: format!("{what} of every model against the time its fit took"),
+        x: Axis::log("time of the fit (s)"),
+        y: Axis::log(format!("{what} (RMS, no unit)")),
+        series: vec![
+            series("fitted to a reconstruction", 2, &baseline),
+            series("fitted in the measured space", 1, &|m| !baseline(m) && m != FitMethod::Auto),
+            series("auto: tries all of these", 3, &|m| m == FitMethod::Auto),
+        ],
+        markers: Vec::new(),
+        bands: Vec::new(),
+    }
+}
+
+/// A name short enough to stand in a chart.
+fn short(method: FitMethod) -> &'static str {
+    match method {
+        FitMethod::GgxToReconstruction => "ggx to rec.",
+        other => other.name(),
     }
 }
 

@@ -1,23 +1,59 @@
 //! The report of a measurement: one self-contained HTML page.
 //!
+//! [`RunReport`] is of any run and the models fitted to it, [`DemoReport`] of the demonstration, whose rig is at hand too.
+//! What they show is computed in `measured` and `fits`; the rest is drawing.
+//!
 //! The page needs no script and no other file: images are base64 PNG, charts inline SVG. It is laid out for a phone of
 //! 360 px as well as a desk, follows the reader's light or dark scheme, and tells series apart by colour (Okabe and Ito's
 //! palette), dash and mark together.
 
 mod axis;
 mod chart;
+mod demo_page;
 mod figures;
+mod fit_sections;
+mod fits;
+mod heat;
 mod html;
+mod label;
+mod measured;
 mod png;
 mod polar;
+mod run_page;
 mod text;
+
+use thiserror::Error;
 
 pub use axis::{Axis, Scale};
 pub use chart::{Chart, Mark, Series};
+pub use fits::{Fits, MethodFit};
+pub use measured::{accuracy, conversions, converted, pictures, slices, spectrum};
 pub use png::{pattern_png, plane_png};
 
+use crate::basis::{ConversionError, OrderError};
 use crate::calibrate::GrayCardCheck;
+use crate::fit::{FitError, FitMethod};
 use crate::measure::RunRecord;
+use crate::reduce::Coefficients;
+use crate::reflectance::{Brdf, MetricError};
+use crate::render::Shape;
+
+/// Why there is no report.
+#[derive(Debug, Error)]
+pub enum ReportError {
+    /// No model could be fitted to the run.
+    #[error(transparent)]
+    Fit(#[from] FitError),
+    /// The truth given is none.
+    #[error(transparent)]
+    Metric(#[from] MetricError),
+    /// The run could not be converted to spherical harmonics.
+    #[error(transparent)]
+    Conversion(#[from] ConversionError),
+    /// The run's order is out of range.
+    #[error(transparent)]
+    Order(#[from] OrderError),
+}
 
 /// An image with its caption, which is its alternative text too.
 #[derive(Debug, Clone, PartialEq)]
@@ -37,6 +73,8 @@ pub struct SpectrumPoint {
     pub rms: f64,
     /// RMS of its standard error.
     pub noise: f64,
+    /// RMS of what a model predicts for it.
+    pub predicted: f64,
 }
 
 /// f_cos in the plane of incidence of one exitant direction.
@@ -89,7 +127,7 @@ pub struct MethodRow {
     pub refused: Option<String>,
 }
 
-/// All that the page of a measurement shows. Texts are plain: the page escapes them.
+/// All that the page of a demonstration shows. Texts are plain: the page escapes them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DemoReport {
     /// Heading of the page.
@@ -112,8 +150,10 @@ pub struct DemoReport {
     pub spheres: Vec<Picture>,
     /// Error against time, one point for each order.
     pub accuracy: Vec<AccuracyPoint>,
-    /// All methods tried.
+    /// All methods of conversion tried.
     pub methods: Vec<MethodRow>,
+    /// All models fitted.
+    pub fits: Fits,
     /// Where the numbers come from: names and values.
     pub provenance: Vec<(String, String)>,
 }
@@ -121,7 +161,50 @@ pub struct DemoReport {
 impl DemoReport {
     /// The page.
     pub fn to_html(&self) -> String {
-        html::page(self)
+        demo_page::page(self)
+    }
+}
+
+/// All that the page of a run shows. Texts are plain: the page escapes them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunReport {
+    /// The run's record: sample, rig, plan, times, noise.
+    pub record: RunRecord,
+    /// What the models are compared with, where it is known.
+    pub truth: Option<String>,
+    /// All models fitted.
+    pub fits: Fits,
+    /// Every coefficient measured, and what the chosen model predicts.
+    pub spectrum: Vec<SpectrumPoint>,
+    /// Slices in the plane of incidence.
+    pub slices: Vec<Slice>,
+    /// The chosen model on a sphere and a cylinder.
+    pub pictures: Vec<Picture>,
+}
+
+impl RunReport {
+    /// Fits all methods to a run and computes what the page shows; `truth` is a name and a material.
+    ///
+    /// # Errors
+    /// [`ReportError`].
+    pub fn new(
+        record: RunRecord,
+        coefficients: &Coefficients,
+        requested: FitMethod,
+        truth: Option<(&str, &dyn Brdf)>,
+    ) -> Result<Self, ReportError> {
+        let (name, truth) = truth.unzip();
+        let fits = Fits::new(coefficients, requested, truth)?;
+        let model = &fits.chosen().brdf;
+        let spectrum = spectrum(coefficients, model)?;
+        let slices = slices(coefficients, truth, &fits.curves())?;
+        let pictures = pictures(&[Shape::Sphere, Shape::Cylinder], "fit", model, truth);
+        Ok(Self { record, truth: name.map(str::to_owned), fits, spectrum, slices, pictures })
+    }
+
+    /// The page.
+    pub fn to_html(&self) -> String {
+        run_page::page(self)
     }
 }
 

@@ -1,36 +1,42 @@
+mod fits;
+
 use super::*;
 use crate::measure::Provenance;
 use crate::patterns::Plan;
 
 const HOSTILE: &str = "<script>alert('x')</script>\" onload=\"y\" & \u{1}</svg>";
 
-fn report(text: &str) -> DemoReport {
+fn record(text: &str) -> RunRecord {
     let plan = Plan::of_order(4);
+    let items = plan.rig_time(&crate::patterns::Timing { refresh_s: 1.0 / 60.0, min_frame_s: 1.0 / 15.0 });
+    RunRecord {
+        format: 1,
+        software: text.into(),
+        status: text.into(),
+        rig: text.into(),
+        plan: text.into(),
+        provenance: Provenance { sample: text.into(), simulation: None },
+        order: 4,
+        images: plan.images(),
+        frames: plan.frames(),
+        rig_s: items.total_s(),
+        rig_s_items: items,
+        compute_s: 3.0,
+        post_s: 0.1,
+        zone_deg: [9.0, 57.0],
+        noise_rel: 0.01,
+        saturated_fraction: 0.0,
+        gains: vec![1.0; 25],
+    }
+}
+
+fn report(text: &str) -> DemoReport {
     let picture = || Picture { caption: text.into(), png: plane_png(2, 2, &[0.0, 1.0, f32::NAN, 2.0], false) };
     let curve: Vec<(f64, f64)> = (-90..=90).map(|t| (f64::from(t), 0.1 + f64::from(t) * 1e-3)).collect();
-    let items = plan.rig_time(&crate::patterns::Timing { refresh_s: 1.0 / 60.0, min_frame_s: 1.0 / 15.0 });
     DemoReport {
         title: text.into(),
         material: text.into(),
-        record: RunRecord {
-            format: 1,
-            software: text.into(),
-            status: text.into(),
-            rig: text.into(),
-            plan: text.into(),
-            provenance: Provenance { sample: text.into(), simulation: None },
-            order: 4,
-            images: plan.images(),
-            frames: plan.frames(),
-            rig_s: items.total_s(),
-            rig_s_items: items,
-            compute_s: 3.0,
-            post_s: 0.1,
-            zone_deg: [9.0, 57.0],
-            noise_rel: 0.01,
-            saturated_fraction: 0.0,
-            gains: vec![1.0; 25],
-        },
+        record: record(text),
         gray_card: GrayCardCheck {
             z_10_error: 0.002,
             z_20_error: -0.001,
@@ -39,7 +45,9 @@ fn report(text: &str) -> DemoReport {
         },
         patterns: vec![picture(), picture()],
         response: picture(),
-        spectrum: (0..25).map(|k| SpectrumPoint { k, rms: 0.1 / (k + 1) as f64, noise: 1e-4 }).collect(),
+        spectrum: (0..25)
+            .map(|k| SpectrumPoint { k, rms: 0.1 / (k + 1) as f64, noise: 1e-4, predicted: 0.1 })
+            .collect(),
         slices: vec![Slice {
             theta_o_deg: 30.0,
             truth: Some(curve.clone()),
@@ -60,6 +68,7 @@ fn report(text: &str) -> DemoReport {
                 refused,
             })
             .into(),
+        fits: fits::FITS.clone(),
         provenance: vec![(text.into(), text.into())],
     }
 }
@@ -116,7 +125,9 @@ fn the_page_is_well_formed_and_self_contained() {
         assert!(!page.contains(outside), "{outside}");
     }
     assert_eq!(page.matches("<img ").count(), page.matches("<img alt=\"").count());
-    for heading in ["Speed against accuracy", "Gray-card check", "Rig time, itemised", "Provenance"] {
+    for heading in
+        ["Speed against accuracy", "Gray-card check", "Rig time, itemised", "Methods of fitting", "Provenance"]
+    {
         assert!(page.contains(heading));
     }
 }
@@ -168,7 +179,8 @@ fn charts_take_no_point_one_point_and_impossible_points() {
 
 #[test]
 fn spectra_are_grouped_by_degree_and_noise_free_ones_are_drawn() {
-    let points: Vec<SpectrumPoint> = (0..121).map(|k| SpectrumPoint { k, rms: 1e-3, noise: 0.0 }).collect();
+    let points: Vec<SpectrumPoint> =
+        (0..121).map(|k| SpectrumPoint { k, rms: 1e-3, noise: 0.0, predicted: 1e-3 }).collect();
     let svg = figures::spectrum_chart(&points).to_svg();
     check_markup(&svg);
     assert_eq!(svg.matches("class=\"mark s1").count(), 121);

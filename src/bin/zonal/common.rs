@@ -11,10 +11,10 @@ use zonal::capture::CaptureError;
 use zonal::export::ShMaterial;
 use zonal::fit::FitReport;
 use zonal::geometry::Zone;
-use zonal::measure::MeasureError;
+use zonal::measure::{MeasureError, RunRecord};
 use zonal::optics::Rig;
 use zonal::patterns::Plan;
-use zonal::reduce::ReduceError;
+use zonal::reduce::{Coefficients, ReduceError};
 use zonal::reflectance::{Brdf, Model, open};
 use zonal::store;
 use zonal::twin::{TwinBench, TwinConfig};
@@ -77,6 +77,14 @@ pub fn material(name: &str) -> anyhow::Result<Material> {
         });
     }
     Ok(Material::new(open(name)?, name.to_owned()))
+}
+
+/// The record and the coefficients of a run that has ended well.
+pub fn run(folder: &Path) -> anyhow::Result<(RunRecord, Coefficients)> {
+    let record = RunRecord::read_complete(folder)?;
+    let coefficients = Coefficients::read(&folder.join("coefficients.exr"))
+        .with_context(|| format!("no coefficients (`zonal reduce {}` makes them again)", folder.display()))?;
+    Ok((record, coefficients))
 }
 
 /// A progress bar over frames on stderr, with the rig's time left; silent where nobody watches.

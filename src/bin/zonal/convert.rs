@@ -5,8 +5,6 @@ use std::path::PathBuf;
 use clap::ValueEnum;
 use zonal::basis::{Conversion, Method};
 use zonal::export::ShMaterial;
-use zonal::measure::RunRecord;
-use zonal::reduce::Coefficients;
 
 use crate::common::{self, BadUsage, Report};
 
@@ -50,8 +48,7 @@ pub struct Args {
 
 pub fn run(args: &Args) -> anyhow::Result<Report> {
     let out = common::writable(&args.out)?;
-    RunRecord::read_complete(&args.run)?;
-    let measured = Coefficients::read(&args.run.join("coefficients.exr"))?;
+    let (_, measured) = common::run(&args.run)?;
     let order = args.order.unwrap_or(measured.order);
     if order > measured.order {
         let message = format!("--order {order} exceeds the run's order {}: choose a smaller one", measured.order);

@@ -3,23 +3,23 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use zonal::basis::{Conversion, Method, lm, size};
+use zonal::basis::{Method, lm};
 use zonal::calibrate::CalibrationSet;
 use zonal::capture::{Crop, RunFolder};
 use zonal::export::ShMaterial;
-use zonal::geometry::Direction;
+use zonal::fit::FitMethod;
 use zonal::measure::{Measurement, Provenance, lobe_pairs, measure};
 use zonal::optics::Rig;
-use zonal::patterns::{Plan, Timing};
-use zonal::reduce::Coefficients;
+use zonal::patterns::Plan;
 use zonal::reflectance::{Brdf, ZoneErrors, open};
-use zonal::render::{Image, Probe, Shape};
-use zonal::report::{AccuracyPoint, DemoReport, MethodRow, Picture, Slice, SpectrumPoint, pattern_png, plane_png};
+use zonal::render::Shape;
+use zonal::report::{
+    DemoReport, Fits, Picture, accuracy, conversions, converted, pattern_png, pictures, plane_png, slices, spectrum,
+};
 use zonal::store;
 use zonal::twin::TwinConfig;
 
 use crate::common::{self, Report};
-use crate::render::key_light;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -58,7 +58,7 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     let mut bench = common::bench(&rig, &config, truth.clone());
     let mut bar = common::frames_bar("order 4");
     let measured = measure(&rig, &plan, &mut bench, &calibration, provenance.clone(), Some(&mut folder), &mut bar)?;
-    let sh = convert(&measured.coefficients, Method::Parity, ORDER)?;
+    let sh = converted(&measured.coefficients, Method::Parity, ORDER)?;
     let exr = run.join("sh-parity.exr");
     sh.write(&exr)?;
 
@@ -71,14 +71,20 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     let html = args.out.join("index.html");
     store::write(&html, page.to_html().as_bytes())?;
     let record = &page.record;
+    let fit = page.fits.of(FitMethod::Auto);
+    let off = fit.errors.map(|e| e.mean);
+    let off_percent = |error: Option<f64>| 100.0 * error.unwrap_or(f64::NAN);
     let text = format!(
-        "{}: order {ORDER}, {} frames, {:.1} s on the rig; computed in {:.0} s\nerror of f_cos {:.1}% in the zone, {:.1}% outside\npage: {}\nrun:  {}\nSH:   {}",
+        "{}: order {ORDER}, {} frames, {:.1} s on the rig; computed in {:.0} s\nerror of f_cos: spherical harmonics {:.1}% in the zone, {:.1}% outside; fit ({}) {:.1}% and {:.1}%\npage: {}\nrun:  {}\nSH:   {}",
         args.material,
         record.frames,
         record.rig_s,
         started.elapsed().as_secs_f64(),
         100.0 * errors.inside,
         100.0 * errors.outside,
+        fit.report.model,
+        off_percent(off.map(|e| e.rel_in)),
+        off_percent(off.map(|e| e.rel_out)),
         html.display(),
         run.display(),
         exr.display()
@@ -86,13 +92,9 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     let json = serde_json::json!({
         "page": common::said(&html), "run": common::said(&run), "sh": common::said(&exr), "measure": record, "seconds": started.elapsed().as_secs_f64(),
         "error_in": errors.inside, "error_out": errors.outside,
+        "model": fit.report.model, "fit_errors": off,
     });
     Ok(Report { text, json })
-}
-
-fn convert(measured: &Coefficients, method: Method, order: usize) -> anyhow::Result<ShMaterial> {
-    let coefficients = measured.truncated(order);
-    Ok(ShMaterial::new(&coefficients, &Conversion::new(method, coefficients.grid.zone(), order)?))
 }
 
 /// What the page is made from.
@@ -111,6 +113,7 @@ struct Results<'a> {
 impl Results<'_> {
     fn page(&self) -> anyhow::Result<DemoReport> {
         let (coefficients, truth) = (&self.measured.coefficients, self.truth.as_ref());
+        let fits = Fits::new(coefficients, FitMethod::Auto, Some(truth))?;
         let response = &self.measured.first_response;
         Ok(DemoReport {
             title: format!("{} measured by {}", self.args.material, self.rig.name),
@@ -125,11 +128,12 @@ impl Results<'_> {
                         .into(),
                 png: plane_png(response.crop.width, response.crop.height, &response.rate, true),
             },
-            spectrum: spectrum(coefficients),
-            slices: slices(coefficients, truth)?,
-            spheres: spheres(&self.sh, truth),
+            spectrum: spectrum(coefficients, &fits.chosen().brdf)?,
+            slices: slices(coefficients, Some(truth), &fits.curves())?,
+            spheres: pictures(&[Shape::Sphere], "measured", &self.sh, Some(truth)),
             accuracy: accuracy(&self.rig, &self.longer.coefficients, truth)?,
-            methods: methods(coefficients, truth)?,
+            methods: conversions(coefficients, truth)?,
+            fits,
             provenance: vec![
                 ("Source of the rig".into(), self.rig.source.clone()),
                 ("Source of the material".into(), source(&self.args.material)),
@@ -162,93 +166,4 @@ fn patterns(rig: &Rig, plan: &Plan, calibration: &CalibrationSet) -> anyhow::Res
             if k == 0 { vec![lobe(0, "constant")] } else { vec![lobe(0, "positive"), lobe(1, "negative")] }
         })
         .collect())
-}
-
-fn spectrum(coefficients: &Coefficients) -> Vec<SpectrumPoint> {
-    let n = 3 * coefficients.grid.len();
-    let rms = |v: &[f32]| (v.iter().map(|x| f64::from(x * x)).sum::<f64>() / v.len() as f64).sqrt();
-    (0..size(coefficients.order))
-        .map(|k| SpectrumPoint {
-            k,
-            rms: rms(&coefficients.values[k * n..(k + 1) * n]),
-            noise: rms(&coefficients.sigma[k * n..(k + 1) * n]),
-        })
-        .collect()
-}
-
-/// In the plane of incidence; positive theta_i lies on the mirror side of wo.
-fn slices(coefficients: &Coefficients, truth: &dyn Brdf) -> anyhow::Result<Vec<Slice>> {
-    let zone = coefficients.grid.zone();
-    let parity = convert(coefficients, Method::Parity, coefficients.order)?;
-    let truncated = convert(coefficients, Method::Truncated, coefficients.order)?;
-    let curve = |brdf: &dyn Brdf, theta_o: f64| -> Vec<(f64, f64)> {
-        let wo = Direction::from_angles(theta_o.to_radians(), 0.0);
-        let at = |theta_i: f64| {
-            let wi = Direction::from_angles(
-                theta_i.abs().to_radians(),
-                if theta_i > 0.0 { std::f64::consts::PI } else { 0.0 },
-            );
-            brdf.eval_cos(&wi, &wo).iter().sum::<f64>() / 3.0
-        };
-        (-179..=179).map(|i| f64::from(i) / 2.0).map(|theta_i| (theta_i, at(theta_i))).collect()
-    };
-    Ok([15.0, 35.0, 55.0]
-        .map(|theta_o_deg| Slice {
-            theta_o_deg,
-            truth: Some(curve(truth, theta_o_deg)),
-            methods: vec![
-                ("parity".into(), curve(&parity, theta_o_deg)),
-                ("truncated".into(), curve(&truncated, theta_o_deg)),
-            ],
-            zone_deg: [zone.theta_min().to_degrees(), zone.theta_max().to_degrees()],
-        })
-        .into())
-}
-
-fn spheres(sh: &ShMaterial, truth: &dyn Brdf) -> Vec<Picture> {
-    const SIZE: usize = 220;
-    let probe = Probe::studio();
-    let directional = |b: &dyn Brdf| Shape::Sphere.directional(b, key_light(), [std::f64::consts::PI; 3], SIZE);
-    let lit = |b: &dyn Brdf| Shape::Sphere.in_probe(b, &probe, SIZE);
-    let pair = |caption: &str, measured: Image, truth: Image| {
-        let difference = measured.relative_rms(&truth).unwrap_or(f64::NAN);
-        Picture {
-            caption: format!("{caption}: measured (left), truth (right); RMS difference {:.1}%", 100.0 * difference),
-            png: Image::side_by_side(&[measured, truth]).to_png(1.0),
-        }
-    };
-    vec![
-        pair("Under a directional light", directional(sh), directional(truth)),
-        pair("In a studio light probe", lit(sh), lit(truth)),
-    ]
-}
-
-fn accuracy(rig: &Rig, measured: &Coefficients, truth: &dyn Brdf) -> anyhow::Result<Vec<AccuracyPoint>> {
-    (0..=measured.order)
-        .map(|order| {
-            let errors = ZoneErrors::new(&convert(measured, Method::Parity, order)?, truth, rig.zone());
-            let rig_s = Plan::of_order(order).rig_time(&Timing::of(rig)).total_s();
-            Ok(AccuracyPoint { order, rig_s, error_in: errors.inside, error_out: errors.outside })
-        })
-        .collect()
-}
-
-fn methods(measured: &Coefficients, truth: &dyn Brdf) -> anyhow::Result<Vec<MethodRow>> {
-    Method::ALL
-        .into_iter()
-        .map(|method| {
-            let conversion = Conversion::new(method, measured.grid.zone(), measured.order)?;
-            let errors = ZoneErrors::new(&ShMaterial::new(measured, &conversion), truth, measured.grid.zone());
-            Ok(MethodRow {
-                method: method.name().into(),
-                order: measured.order,
-                condition: conversion.condition,
-                noise_gain_in: conversion.noise_gain_in,
-                noise_gain_out: conversion.noise_gain_out,
-                error_in: Some(errors.inside),
-                error_out: Some(errors.outside),
-                refused: conversion.check(measured.noise_rel()).err().map(|e| e.to_string()),
-            })
-        })
-        .collect()
 }

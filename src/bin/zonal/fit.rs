@@ -3,8 +3,6 @@
 use std::path::PathBuf;
 
 use zonal::fit::{CalibrationUncertainty, FitMethod, FitOptions, FitReport, fit};
-use zonal::measure::RunRecord;
-use zonal::reduce::Coefficients;
 
 use crate::common::{self, BadUsage, Report};
 
@@ -40,8 +38,7 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
             return Err(BadUsage(format!("{flag} {value} is out of range: choose 0..={most}")).into());
         }
     }
-    RunRecord::read_complete(&args.run)?;
-    let measured = Coefficients::read(&args.run.join("coefficients.exr"))?;
+    let (_, measured) = common::run(&args.run)?;
     let order = args.order.unwrap_or(measured.order);
     if order > measured.order {
         let message = format!("--order {order} exceeds the run's order {}: choose a smaller one", measured.order);

@@ -13,6 +13,7 @@ mod patterns;
 mod plan;
 mod reduce;
 mod render;
+mod report;
 
 use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
@@ -58,6 +59,8 @@ enum Command {
     Fit(fit::Args),
     /// How far a model is from the truth.
     Compare(compare::Args),
+    /// Models fitted to a run, compared on one HTML page.
+    Report(report::Args),
     /// A sphere or a cylinder of a material, a fit or a converted run.
     Render(render::Args),
     /// A material, a fit or a converted run as a file for other programs.
@@ -82,6 +85,7 @@ fn main() -> ExitCode {
         Command::Convert(args) => convert::run(&args),
         Command::Fit(args) => fit::run(&args),
         Command::Compare(args) => compare::run(&args),
+        Command::Report(args) => report::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Export(args) => export::run(&args),
     };

@@ -3,8 +3,6 @@
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
-use nalgebra::Vector3;
-use zonal::geometry::Direction;
 use zonal::render::{Image, Probe, Shape};
 
 use crate::common::{self, BadUsage, Report};
@@ -59,11 +57,6 @@ pub fn probe(name: &str) -> anyhow::Result<Probe> {
     if name == "studio" { Ok(Probe::studio()) } else { Ok(Probe::read(Path::new(name))?) }
 }
 
-/// The light of a directional picture: from above, to the right, towards the viewer.
-pub fn key_light<F>() -> Direction<F> {
-    Direction::new(Vector3::new(0.45, 0.55, 0.7))
-}
-
 pub fn run(args: &Args) -> anyhow::Result<Report> {
     let out = common::writable(&args.out)?;
     if !(8..=4096).contains(&args.size) {
@@ -84,7 +77,7 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
         let brdf = common::material(name)?.brdf;
         pictures.push(match &probe {
             Some(probe) => shape.in_probe(brdf.as_ref(), probe, args.size),
-            None => shape.directional(brdf.as_ref(), key_light(), [std::f64::consts::PI; 3], args.size),
+            None => shape.in_key_light(brdf.as_ref(), args.size),
         });
     }
     let errors = match &pictures[..] {
