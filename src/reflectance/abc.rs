@@ -6,7 +6,7 @@ use std::sync::LazyLock;
 use serde::{Deserialize, Serialize};
 
 use super::half::half_vector;
-use super::{Brdf, ReadError};
+use super::{Brdf, ReadError, sampling};
 use crate::geometry::{Direction, Sample};
 
 /// f = kd / pi + F D G / (pi cos(theta_i) cos(theta_o)) with D = a / (1 + b (1 - cos(theta_h)))^c.
@@ -41,8 +41,62 @@ impl Brdf for Abc {
         std::array::from_fn(|k| FRAC_1_PI * self.kd[k] + self.a[k] * lobe)
     }
 
+    /// The diffuser by the cosine law, or a half vector with density D / integral D that mirrors `wo`.
+    fn sample(&self, wo: &Direction<Sample>, u: [f64; 2]) -> Option<Direction<Sample>> {
+        if wo.cos_theta() <= 0.0 {
+            return None;
+        }
+        let (component, u0) = sampling::choose(self.weights(wo).into_iter(), u[0])?;
+        if component == 0 {
+            return Some(sampling::cosine([u0, u[1]]));
+        }
+        let h = Direction::<Sample>::from_mu_phi(1.0 - self.depth(u0 * self.below(1.0)), std::f64::consts::TAU * u[1]);
+        sampling::reflect(wo, &h.vector())
+    }
+
+    fn pdf(&self, wi: &Direction<Sample>, wo: &Direction<Sample>) -> f64 {
+        if wi.cos_theta() <= 0.0 || wo.cos_theta() <= 0.0 {
+            return 0.0;
+        }
+        let h = half_vector(wi, wo);
+        let density = (1.0 + self.b * (1.0 - h.z).max(0.0)).powf(-self.c) / (std::f64::consts::TAU * self.below(1.0));
+        let lobe = density / (4.0 * h.dot(&wo.vector()));
+        sampling::mixture(self.weights(wo).into_iter(), [sampling::cosine_pdf(wi), lobe].into_iter())
+    }
+
     fn is_isotropic(&self) -> bool {
         true
+    }
+}
+
+impl Abc {
+    /// integral from 0 to x of (1 + b t)^-c dt, where t = 1 - cos(theta_h).
+    fn below(&self, x: f64) -> f64 {
+        let log = (self.b * x).ln_1p();
+        let p = 1.0 - self.c;
+        // (e^(p log) - 1) / (p b), with its limits for c = 1 and b = 0.
+        if self.b * x < 1e-12 {
+            x
+        } else if p.abs() < 1e-9 {
+            log / self.b
+        } else {
+            (p * log).exp_m1() / (p * self.b)
+        }
+    }
+
+    /// The inverse of [`Abc::below`].
+    fn depth(&self, integral: f64) -> f64 {
+        let p = 1.0 - self.c;
+        let log = if p.abs() < 1e-9 { self.b * integral } else { (p * self.b * integral).ln_1p() / p };
+        if self.b < 1e-12 { integral } else { (log.exp_m1() / self.b).min(1.0) }
+    }
+
+    /// Estimated albedos towards `wo` of the diffuser and the lobe: of that, as if all half vectors lay at the normal.
+    fn weights(&self, wo: &Direction<Sample>) -> [f64; 2] {
+        let fresnel = fresnel_dielectric(wo.cos_theta(), self.ior);
+        // h to wi turns 4 cos_o; f carries 1 / (pi cos_i cos_o).
+        let lobe = 8.0 * fresnel * self.below(1.0) / wo.cos_theta().max(0.1);
+        [sampling::mean(self.kd), sampling::mean(self.a) * lobe]
     }
 }
 

@@ -47,7 +47,7 @@ impl Ggx {
     }
 
     /// Estimated albedos towards `wo` of the diffuser and the lobes.
-    fn weights(&self, wo: &Direction<Sample>) -> impl Iterator<Item = f64> + Clone {
+    pub(super) fn weights(&self, wo: &Direction<Sample>) -> impl Iterator<Item = f64> + Clone {
         std::iter::once(sampling::mean(self.kd)).chain(self.lobes.iter().map(|lobe| lobe.reflectance(wo)))
     }
 

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::dbrdf::openness;
 use super::ggx::{gtr2, schlick};
 use super::half::half_vector;
-use super::{Brdf, Ggx, gtr2_solid_angle_integral};
+use super::{Brdf, Ggx, gtr2_solid_angle_integral, sampling};
 use crate::geometry::{Direction, Sample};
 
 /// f = f_ggx + sum over half lobes of p(h) F(theta_d) / (cos_i + cos_o - cos_i cos_o).
@@ -58,8 +58,43 @@ impl Brdf for Mixture {
         f
     }
 
+    /// The microfacets' share as [`Ggx`] draws it; of a half lobe, a half vector from p(h) cos(theta_h).
+    fn sample(&self, wo: &Direction<Sample>, u: [f64; 2]) -> Option<Direction<Sample>> {
+        if wo.cos_theta() <= 0.0 {
+            return None;
+        }
+        let (component, u0) = sampling::choose(self.weights(wo), u[0])?;
+        match component.checked_sub(1) {
+            None => self.ggx.sample(wo, [u0, u[1]]),
+            Some(i) => sampling::reflect(wo, &sampling::half_vector(self.half[i].alpha, [u0, u[1]])),
+        }
+    }
+
+    fn pdf(&self, wi: &Direction<Sample>, wo: &Direction<Sample>) -> f64 {
+        if wi.cos_theta() <= 0.0 || wo.cos_theta() <= 0.0 {
+            return 0.0;
+        }
+        let h = half_vector(wi, wo);
+        let jacobian = 4.0 * h.dot(&wo.vector());
+        let half = self.half.iter().map(|l| gtr2(l.alpha, &h) * h.z / jacobian);
+        sampling::mixture(self.weights(wo), std::iter::once(self.ggx.pdf(wi, wo)).chain(half))
+    }
+
     fn is_isotropic(&self) -> bool {
         self.ggx.is_isotropic() && self.half.iter().all(|l| l.alpha[0] == l.alpha[1])
+    }
+}
+
+impl Mixture {
+    /// Estimated albedos towards `wo` of the microfacets together and of each half lobe.
+    fn weights(&self, wo: &Direction<Sample>) -> impl Iterator<Item = f64> + Clone {
+        let cos_o = wo.cos_theta();
+        let s = schlick(&wo.vector(), &Vector3::z());
+        let half = self.half.iter().map(move |l| {
+            let fresnel = std::array::from_fn(|c| l.f0[c] + (l.f90[c] - l.f0[c]) * s);
+            sampling::mean(fresnel) * 4.0 * cos_o / (2.0 - cos_o)
+        });
+        std::iter::once(self.ggx.weights(wo).sum()).chain(half)
     }
 }
 

@@ -73,7 +73,7 @@ pub(super) fn mean(rgb: [f64; 3]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Brdf, Dbrdf, Density, DensityTerm, Ggx, GgxLobe, Lambert};
+    use super::super::{Abc, Brdf, Dbrdf, Density, DensityTerm, Ggx, GgxLobe, HalfLobe, Lambert, Mixture};
     use super::*;
     use rand::{RngExt, SeedableRng};
     use rand_xoshiro::Xoshiro256PlusPlus;
@@ -90,12 +90,18 @@ mod tests {
         let terms = [(0.6, [0.2, 0.2]), (0.4, [0.3, 0.7])].map(|(weight, alpha)| DensityTerm { weight, alpha });
         let table =
             Density::Table { theta_h_deg: vec![2.0, 10.0, 20.0, 45.0, 80.0], p: vec![3.0, 1.5, 0.4, 0.05, 0.0] };
+        let half = vec![HalfLobe { alpha: [0.3, 0.3], f0: [0.05; 3], f90: [0.2; 3] }];
+        let both = Mixture { ggx: two.clone(), half };
+        let abc = |c| Abc { kd: [0.1, 0.2, 0.3], a: [8.0; 3], b: 100.0, c, ior: 1.5 };
         vec![
             ("lambert", Box::new(Lambert::gray(0.5))),
             ("white ggx", Box::new(Ggx::isotropic(0.3, [1.0; 3]))),
             ("two lobes", Box::new(two)),
             ("mixture", Box::new(dbrdf(Density::Mixture(terms.into())))),
             ("table", Box::new(dbrdf(table))),
+            ("both kinds", Box::new(both)),
+            ("abc", Box::new(abc(1.5))),
+            ("abc with a long tail", Box::new(abc(1.0))),
         ]
     }
 
