@@ -39,10 +39,22 @@ pub fn lm(k: usize) -> (usize, i32) {
 /// over the zone. The recurrence runs on normalised functions: no factorial appears.
 #[derive(Debug, Clone)]
 pub struct Harmonics {
-    order: usize,
-    zone: Zone,
+    pub(super) order: usize,
+    pub(super) zone: Zone,
     /// Per m, per l >= m: factors of P_{l-1} x and P_{l-2}; for l = m the first is the step from P_{m-1,m-1}.
-    steps: Vec<Vec<(f64, f64)>>,
+    pub(super) steps: Vec<Vec<(f64, f64)>>,
+}
+
+/// A polar angle as the recurrences take it.
+struct Stretched {
+    /// x' = ((mu - a) + (mu - b)) / (a - b).
+    x: f64,
+    /// sqrt(|1 - x'^2|).
+    root: f64,
+    /// Sign of x', +1 at 0.
+    sign: f64,
+    /// 1 - |x'|.
+    end: f64,
 }
 
 impl Harmonics {
@@ -108,12 +120,12 @@ impl Harmonics {
     ///
     /// Outside the zone the polynomial of even m continues; for odd m the square root of |1 - x'^2| does.
     pub fn polar_parts(&self, m: usize, mu: f64, out: &mut Vec<f64>) {
-        let (x, s) = self.stretch(mu);
+        let stretched = self.stretch(mu);
         let mut diagonal = self.dc();
         for step in &self.steps[1..=m] {
-            diagonal *= step[0].0 * s;
+            diagonal *= step[0].0 * stretched.root;
         }
-        self.climb(m, x, diagonal, |_, p| out.push(p));
+        self.climb(m, &stretched, diagonal, |_, p| out.push(p));
     }
 
     /// All (L+1)^2 functions in the direction (mu, phi), index k = l(l+1) + m, into `out`.
@@ -121,16 +133,16 @@ impl Harmonics {
     /// # Panics
     /// If `out` is shorter than [`Harmonics::len`].
     pub fn eval_into(&self, mu: f64, cos_phi: f64, sin_phi: f64, out: &mut [f64]) {
-        let (x, s) = self.stretch(mu);
+        let stretched = self.stretch(mu);
         let mut diagonal = self.dc();
         let (mut cos_m, mut sin_m) = (1.0, 0.0);
         for m in 0..=self.order {
             if m > 0 {
-                diagonal *= self.steps[m][0].0 * s;
+                diagonal *= self.steps[m][0].0 * stretched.root;
                 (cos_m, sin_m) = (cos_m * cos_phi - sin_m * sin_phi, sin_m * cos_phi + cos_m * sin_phi);
             }
             let (c, s) = if m == 0 { (1.0, 0.0) } else { (2f64.sqrt() * cos_m, 2f64.sqrt() * sin_m) };
-            self.climb(m, x, diagonal, |l, p| {
+            self.climb(m, &stretched, diagonal, |l, p| {
                 let centre = l * (l + 1);
                 if m > 0 {
                     out[centre - m] = p * s;
@@ -155,23 +167,40 @@ impl Harmonics {
         self.eval_into(v.z, c, s, out);
     }
 
-    /// x' and sqrt(|1 - x'^2|) in the form that keeps all digits at both limits.
-    fn stretch(&self, mu: f64) -> (f64, f64) {
+    /// Where mu lies between the limits, in the form that keeps all digits at both.
+    fn stretch(&self, mu: f64) -> Stretched {
         let (a, b) = (self.zone.cos_min(), self.zone.cos_max());
         let (to_a, to_b) = (mu - a, mu - b);
-        ((to_a + to_b) / (a - b), 2.0 * (to_a * to_b).abs().sqrt() / (a - b))
+        let width = a - b;
+        let x = (to_a + to_b) / width;
+        let (sign, end) = if x < 0.0 { (-1.0, 2.0 * to_b / width) } else { (1.0, -2.0 * to_a / width) };
+        Stretched { x, root: 2.0 * (to_a * to_b).abs().sqrt() / width, sign, end }
     }
 
     /// The value of the constant function.
-    fn dc(&self) -> f64 {
+    pub(super) fn dc(&self) -> f64 {
         (1.0 / (2.0 * PI * (self.zone.cos_min() - self.zone.cos_max()))).sqrt()
     }
 
-    fn climb(&self, m: usize, x: f64, diagonal: f64, mut visit: impl FnMut(usize, f64)) {
+    fn climb(&self, m: usize, at: &Stretched, diagonal: f64, mut visit: impl FnMut(usize, f64)) {
+        if m == 0 {
+            // P_l is steep at both ends, up to l (l + 1) / 2, where x' itself is rounded: climb by differences, which hold
+            // the distance to the end and not x'.
+            let (mut p, mut difference, mut sign) = (1.0, 0.0, 1.0);
+            visit(0, diagonal);
+            for l in 1..=self.order {
+                let l1 = l as f64;
+                difference = ((l1 - 1.0) * difference - (2.0 * l1 - 1.0) * at.end * p) / l1;
+                p += difference;
+                sign *= at.sign;
+                visit(l, sign * (2.0 * l1 + 1.0).sqrt() * diagonal * p);
+            }
+            return;
+        }
         let (mut before, mut p) = (0.0, diagonal);
         visit(m, p);
         for (i, &(first, second)) in self.steps[m].iter().enumerate().skip(1) {
-            (before, p) = (p, first * x * p - second * before);
+            (before, p) = (p, first * at.x * p - second * before);
             visit(m + i, p);
         }
     }

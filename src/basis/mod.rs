@@ -3,6 +3,7 @@
 //! Both bases are one family, [`Harmonics`], on different domains: the zone stretched to the sphere is the sphere. Index
 //! `k = l(l+1) + m`, no Condon-Shortley phase, sin(|m| phi) for m < 0, orthonormal for dw = sin(theta) dtheta dphi.
 
+mod batch;
 mod conversion;
 mod harmonics;
 mod jacobi;
