@@ -10,6 +10,7 @@ use crate::basis::{Harmonics, OrderError};
 use crate::geometry::quadrature::gauss_legendre;
 use crate::geometry::{Direction, ExitantGrid, Zone};
 use crate::reflectance::Brdf;
+use crate::reflectance::ggx::schlick;
 
 /// Integrals of shapes against the zonal functions at every station of some observations.
 ///
@@ -204,7 +205,7 @@ impl RingNodes {
                     let solid_angle = share * chi.sin() * dchi * dzeta;
                     zonal.extend(terms.iter().map(|&k| solid_angle * functions[k]));
                     let h = (wi + wo).normalize();
-                    nodes.push(Node { wi, wo, h, schlick: (1.0 - wo.dot(&h).clamp(0.0, 1.0)).powi(5) });
+                    nodes.push(Node { wi, wo, h, schlick: schlick(&wo, &h) });
                 }
             }
         }

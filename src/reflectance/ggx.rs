@@ -66,7 +66,7 @@ impl GgxLobe {
     /// Fresnel reflectance of the macroscopic surface, mean of the channels: about the albedo of the lobe towards `wo`.
     fn reflectance(&self, wo: &Direction<Sample>) -> f64 {
         let s = schlick(&wo.vector(), &Vector3::z());
-        sampling::mean(std::array::from_fn(|c| self.f0[c] + (self.f90[c] - self.f0[c]) * s))
+        sampling::mean(fresnel(self.f0, self.f90, s))
     }
 
     /// Density of lights drawn by visible half vectors, 1/sr: G1(wo) D(h) / (4 cos(theta_o)).
@@ -96,8 +96,13 @@ pub(crate) fn gtr2(alpha: [f64; 2], h: &Vector3<f64>) -> f64 {
 }
 
 /// Schlick's weight (1 - cos(theta_d))^5 of grazing reflection.
-pub(super) fn schlick(w: &Vector3<f64>, h: &Vector3<f64>) -> f64 {
+pub(crate) fn schlick(w: &Vector3<f64>, h: &Vector3<f64>) -> f64 {
     (1.0 - w.dot(h).clamp(0.0, 1.0)).powi(5)
+}
+
+/// Weight of a lobe between normal and grazing incidence, linear RGB: f0 + (f90 - f0) s, with s of [`schlick`].
+pub(super) fn fresnel(f0: [f64; 3], f90: [f64; 3], s: f64) -> [f64; 3] {
+    std::array::from_fn(|c| f0[c] + (f90[c] - f0[c]) * s)
 }
 
 impl Brdf for Ggx {
@@ -111,9 +116,7 @@ impl Brdf for Ggx {
         let mut f = self.kd.map(|kd| kd * FRAC_1_PI);
         for lobe in &self.lobes {
             let shape = lobe.shape(&h, &i, &o);
-            for (f, (f0, f90)) in f.iter_mut().zip(lobe.f0.iter().zip(lobe.f90)) {
-                *f += shape * (f0 + (f90 - f0) * s);
-            }
+            f.iter_mut().zip(fresnel(lobe.f0, lobe.f90, s)).for_each(|(f, weight)| *f += shape * weight);
         }
         f
     }

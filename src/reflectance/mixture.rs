@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::dbrdf::openness;
-use super::ggx::{gtr2, schlick};
+use super::ggx::{fresnel, gtr2, schlick};
 use super::half::half_vector;
 use super::{Brdf, Ggx, gtr2_solid_angle_integral, sampling};
 use crate::geometry::{Direction, Sample};
@@ -51,9 +51,7 @@ impl Brdf for Mixture {
         let s = schlick(&wo.vector(), &h);
         for lobe in &self.half {
             let shape = lobe.shape(&h, wi.cos_theta(), wo.cos_theta());
-            for (f, (f0, f90)) in f.iter_mut().zip(lobe.f0.iter().zip(lobe.f90)) {
-                *f += shape * (f0 + (f90 - f0) * s);
-            }
+            f.iter_mut().zip(fresnel(lobe.f0, lobe.f90, s)).for_each(|(f, weight)| *f += shape * weight);
         }
         f
     }
@@ -90,10 +88,7 @@ impl Mixture {
     fn weights(&self, wo: &Direction<Sample>) -> impl Iterator<Item = f64> + Clone {
         let cos_o = wo.cos_theta();
         let s = schlick(&wo.vector(), &Vector3::z());
-        let half = self.half.iter().map(move |l| {
-            let fresnel = std::array::from_fn(|c| l.f0[c] + (l.f90[c] - l.f0[c]) * s);
-            sampling::mean(fresnel) * 4.0 * cos_o / (2.0 - cos_o)
-        });
+        let half = self.half.iter().map(move |l| sampling::mean(fresnel(l.f0, l.f90, s)) * 4.0 * cos_o / (2.0 - cos_o));
         std::iter::once(self.ggx.weights(wo).sum()).chain(half)
     }
 }
