@@ -87,6 +87,17 @@ pub fn run(folder: &Path) -> anyhow::Result<(RunRecord, Coefficients)> {
     Ok((record, coefficients))
 }
 
+/// The coefficients of a run as if only functions up to `order` had been shown; all of them without one.
+pub fn coefficients(folder: &Path, order: Option<usize>) -> anyhow::Result<Coefficients> {
+    let (_, measured) = run(folder)?;
+    let order = order.unwrap_or(measured.order);
+    if order > measured.order {
+        let message = format!("--order {order} exceeds the run's order {}: choose a smaller one", measured.order);
+        return Err(BadUsage(message).into());
+    }
+    Ok(measured.truncated(order))
+}
+
 /// A progress bar over frames on stderr, with the rig's time left; silent where nobody watches.
 pub fn frames_bar(what: &str) -> impl FnMut(usize, usize, f64) + use<> {
     let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(10));

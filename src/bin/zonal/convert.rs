@@ -6,7 +6,7 @@ use clap::ValueEnum;
 use zonal::basis::{Conversion, Method};
 use zonal::export::ShMaterial;
 
-use crate::common::{self, BadUsage, Report};
+use crate::common::{self, Report};
 
 #[derive(Clone, Copy, ValueEnum)]
 enum MethodArg {
@@ -48,13 +48,8 @@ pub struct Args {
 
 pub fn run(args: &Args) -> anyhow::Result<Report> {
     let out = common::writable(&args.out)?;
-    let (_, measured) = common::run(&args.run)?;
-    let order = args.order.unwrap_or(measured.order);
-    if order > measured.order {
-        let message = format!("--order {order} exceeds the run's order {}: choose a smaller one", measured.order);
-        return Err(BadUsage(message).into());
-    }
-    let coefficients = measured.truncated(order);
+    let coefficients = common::coefficients(&args.run, args.order)?;
+    let order = coefficients.order;
     let conversion = Conversion::new(args.method.into(), coefficients.grid.zone(), order)?;
     if !args.force {
         conversion.check(coefficients.noise_rel())?;

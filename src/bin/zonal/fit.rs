@@ -38,14 +38,9 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
             return Err(BadUsage(format!("{flag} {value} is out of range: choose 0..={most}")).into());
         }
     }
-    let (_, measured) = common::run(&args.run)?;
-    let order = args.order.unwrap_or(measured.order);
-    if order > measured.order {
-        let message = format!("--order {order} exceeds the run's order {}: choose a smaller one", measured.order);
-        return Err(BadUsage(message).into());
-    }
+    let coefficients = common::coefficients(&args.run, args.order)?;
     let calibration = CalibrationUncertainty { edge_deg: args.edge_deg, scale_rel: args.scale_rel };
-    let report = fit(&measured.truncated(order), method, &FitOptions { calibration, start: None })?;
+    let report = fit(&coefficients, method, &FitOptions { calibration, start: None })?;
     report.write(&out)?;
     for warning in &report.warnings {
         eprintln!("warning: {warning}");
