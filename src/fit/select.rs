@@ -7,8 +7,9 @@ use super::likelihood::Likelihood;
 use super::search::{Linearised, polish};
 use super::{FitMethod, Fitted, Observations};
 
-/// A richer family must lower the predicted error by this share to be taken: less is within what the choice of the data held
-/// out changes.
+/// A richer family must lower the predicted error by this share to be taken.
+///
+/// Set on measured materials: at a fifth, `auto` kept single lobes that were twice as far off outside of the zone.
 pub const PRICE: f64 = 0.05;
 
 /// A family that was considered.
