@@ -7,12 +7,13 @@
 //! | [`Dbrdf`] | a density of half vectors with a Lambert part | Ashikhmin & Premoze 2007 |
 //! | [`Mixture`] | GGX lobes and half-vector lobes side by side | |
 //! | [`Abc`] | fits of 100 MERL materials, built in | Löw 2012 |
+//! | [`Sgd`] | other fits of the same materials | Bagher 2012 |
 //! | [`Rgl`] | adaptive tables, `.bsdf` files | Dupuy & Jakob 2018 |
 //! | [`Merl`] | half-angle tables, `.binary` files | Matusik 2003 |
 //! | [`Alta`] | scattered directions, `.dat` text files | Belcour 2014 |
 //! | [`NeuralBrdf`] | small networks fitted to MERL materials | Sztrajman 2021 |
 //!
-//! [`open`] finds all but the networks by a name or a path; [`Metric`] says how far one is from another. Evaluation is pure; only the functions called `read` and [`open`]
+//! [`open`] finds all but [`Sgd`] and the networks by a name or a path; [`Metric`] says how far one is from another. Evaluation is pure; only the functions called `read` and [`open`]
 //! touch files. Files are untrusted: whatever is in them, a reader answers with a table or a [`ReadError`].
 //!
 //! ```
@@ -40,6 +41,7 @@ mod model;
 mod nbrdf;
 mod rgl;
 mod sampling;
+mod sgd;
 mod tensor;
 mod zone_errors;
 
@@ -66,6 +68,7 @@ pub use nbrdf::NeuralBrdf;
 pub use rgl::Rgl;
 pub(crate) use rgl::{Flattening, Table, Taps, theta_of_u, u_of_theta};
 pub(crate) use sampling::reflect;
+pub use sgd::{Sgd, SgdChannel, SgdMaterial, sgd_materials};
 pub use tensor::{TensorFile, TensorWriter};
 pub use zone_errors::{EXITANT_DEG, ZoneErrors};
 
