@@ -1,57 +1,15 @@
-//! From zonal coefficients to spherical harmonics, one dense block per m.
+//! From zonal coefficients to functions of the hemisphere, one dense block per m.
 
 use std::f64::consts::PI;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 use thiserror::Error;
 
+use super::factor::{Factor, Key, condition, decompose, factors, polar_factor};
+use super::family::Family;
 use super::harmonics::{Harmonics, OrderError, index, size};
-use super::jacobi::{Svd, svd};
+use super::method::{Method, Strength};
 use crate::geometry::Zone;
-use crate::geometry::quadrature::zone_mu_angular;
-
-/// Nodes in mu: exact to rounding for the products met up to order 50.
-const NODES: usize = 160;
-
-/// Eigenvalues of the zone's Gram matrix below this share of the largest are cut by [`Method::Truncated`].
-pub const TRUNCATED_CUT: f64 = 3e-2;
-
-/// How zonal coefficients become spherical harmonics.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Method {
-    /// The literal dual basis of all SH up to L over the zone (Ghosh 2007, eq. 3.12-3.16). Fails on partial zones.
-    Thesis,
-    /// The same dual with the small eigenvalues of the Gram matrix cut at `TRUNCATED_CUT`.
-    Truncated,
-    /// Least squares over the zone in the SH with l + m odd, up to L + 1: those that vanish at the horizon, as f_cos does.
-    Parity,
-}
-
-impl Method {
-    /// All methods, in the order charts list them.
-    pub const ALL: [Method; 3] = [Method::Thesis, Method::Truncated, Method::Parity];
-
-    /// The name used at the prompt and in files.
-    pub fn name(self) -> &'static str {
-        match self {
-            Method::Thesis => "thesis",
-            Method::Truncated => "truncated",
-            Method::Parity => "parity",
-        }
-    }
-
-    /// The SH order that zonal order `order` leads to.
-    pub fn sh_order(self, order: usize) -> usize {
-        match self {
-            Method::Parity => order + 1,
-            Method::Thesis | Method::Truncated => order,
-        }
-    }
-
-    fn keeps(self, l: usize, m: usize) -> bool {
-        self != Method::Parity || (l + m) % 2 == 1
-    }
-}
 
 /// Why a conversion could not be built or must not be used.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -66,6 +24,39 @@ pub enum ConversionError {
         m: usize,
         /// ||A - U S V^T|| / ||A||.
         residual: f64,
+    },
+    /// Some functions cannot be told apart in the zone.
+    #[error(
+        "method `{method}` at order {order}: of the {functions} functions of m = {m} only {rank} can be told apart from {theta_min_deg} to \
+         {theta_max_deg} deg in double precision; lower the order or use `--method truncated` or `parity`"
+    )]
+    RankDeficient {
+        /// The method.
+        method: &'static str,
+        /// Zonal order.
+        order: usize,
+        /// The block.
+        m: usize,
+        /// Its functions.
+        functions: usize,
+        /// Its numerical rank.
+        rank: usize,
+        /// Lower limit of the zone, degrees.
+        theta_min_deg: f64,
+        /// Upper limit of the zone, degrees.
+        theta_max_deg: f64,
+    },
+    /// A coefficient or its variance is not a number, or a variance is negative.
+    #[error(
+        "coefficient {k} is {value} with the variance {variance}: give finite values and variances >= 0, or leave this direction out"
+    )]
+    NotFinite {
+        /// Index of the zonal function.
+        k: usize,
+        /// Its coefficient.
+        value: f64,
+        /// Its variance.
+        variance: f64,
     },
     /// The noise would swamp the reconstruction outside the zone.
     #[error(
@@ -91,22 +82,38 @@ pub enum ConversionError {
 pub struct Block {
     /// |m|.
     pub m: usize,
-    /// The degrees l of the SH rows.
+    /// The degrees l of the rows.
     pub degrees: Vec<usize>,
     /// C: rows follow `degrees`, columns are the zonal degrees |m|..=L. y = C z.
     pub matrix: DMatrix<f64>,
     /// Condition number of the block's Gram matrix (before any cut).
     pub condition: f64,
+    /// Per row: how much of the coefficient is data, the diagonal of the resolution matrix C A where A gives the zonal
+    /// coefficients of each function. 1: all; 0: the coefficient is what the method assumes.
+    pub data_share: Vec<f64>,
 }
 
-/// A linear map y = C z from zonal coefficients to spherical harmonics, with what it does to noise.
+/// Coefficients of one function with what is known of them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Estimate {
+    /// Values, index k = l(l+1) + m.
+    pub y: Vec<f64>,
+    /// Standard errors.
+    pub sigma: Vec<f64>,
+    /// How much of each coefficient is data, 0..=1; the rest is what the method assumes.
+    pub data_share: Vec<f64>,
+}
+
+/// A linear map y = C z from zonal coefficients to a family of functions, with what it does to noise.
 #[derive(Debug, Clone)]
 pub struct Conversion {
     /// The method.
     pub method: Method,
+    /// How strongly it holds back.
+    pub strength: Strength,
     /// Zonal order L.
     pub order: usize,
-    /// Order of the resulting SH.
+    /// Order of the resulting functions.
     pub sh_order: usize,
     /// One block per |m|.
     pub blocks: Vec<Block>,
@@ -120,27 +127,58 @@ pub struct Conversion {
 }
 
 impl Conversion {
-    /// Builds the map for a zone.
+    /// Builds the map for a zone, with the method's own strength.
     ///
     /// # Errors
-    /// [`ConversionError::Order`] or [`ConversionError::Decomposition`].
+    /// [`ConversionError::Order`], [`ConversionError::Decomposition`] or [`ConversionError::RankDeficient`].
     pub fn new(method: Method, zone: Zone, order: usize) -> Result<Self, ConversionError> {
-        let sh_order = method.sh_order(order);
-        let zonal = Harmonics::zonal(zone, order)?;
-        let sh = Harmonics::spherical(sh_order)?;
-        let blocks = (0..=order)
-            .map(|m| block(method, &zonal, &sh, m))
-            .filter(|b| !matches!(b, Ok(b) if b.degrees.is_empty()))
-            .collect::<Result<Vec<_>, _>>()?;
+        Self::with_strength(method, zone, order, method.strength())
+    }
+
+    /// The same with another strength: see [`super::Evidence`].
+    ///
+    /// # Errors
+    /// As [`Conversion::new`].
+    pub fn with_strength(
+        method: Method,
+        zone: Zone,
+        order: usize,
+        strength: Strength,
+    ) -> Result<Self, ConversionError> {
+        let (family, sh_order) = (method.family(), method.sh_order(order));
+        let curvature = matches!(strength, Strength::Curvature(_));
+        let factors = factors(&zone, Key::new(&zone, order, family, sh_order, curvature))?;
+        let blocks: Vec<Block> = factors.iter().map(|f| block(f, family, strength)).collect();
+        if strength == Strength::Exact {
+            for f in factors.iter() {
+                let rank = numerical_rank(f);
+                if rank < f.degrees.len() {
+                    return Err(ConversionError::RankDeficient {
+                        method: method.name(),
+                        order,
+                        m: f.m,
+                        functions: f.degrees.len(),
+                        rank,
+                        theta_min_deg: zone.theta_min().to_degrees(),
+                        theta_max_deg: zone.theta_max().to_degrees(),
+                    });
+                }
+            }
+        }
         let condition = blocks.iter().map(|b| b.condition).fold(1.0, f64::max);
         let mut conversion =
-            Self { method, order, sh_order, blocks, condition, noise_gain_in: 0.0, noise_gain_out: 0.0 };
+            Self { method, strength, order, sh_order, blocks, condition, noise_gain_in: 0.0, noise_gain_out: 0.0 };
         let own = (size(order) as f64 / zone.solid_angle()).sqrt();
-        let (inside, outside) = conversion.noise_power(&zone, &sh);
+        let (inside, outside) = conversion.noise_power(&zone, &family.harmonics(sh_order)?);
         let rest = Zone::hemisphere().solid_angle() - zone.solid_angle();
         conversion.noise_gain_in = (inside / zone.solid_angle()).sqrt() / own;
         conversion.noise_gain_out = if rest > 1e-12 { (outside / rest).sqrt() / own } else { 0.0 };
         Ok(conversion)
+    }
+
+    /// The functions of the result.
+    pub fn harmonics(&self) -> Harmonics {
+        self.method.family().harmonics(self.sh_order).expect("a conversion has a valid order")
     }
 
     /// Applies the rule that refuses methods whose noise outside the zone exceeds the signal.
@@ -158,18 +196,49 @@ impl Conversion {
             noise_gain_out: self.noise_gain_out,
             noise_rel,
             remedy: match self.method {
-                Method::Parity => "use a lower `--order`",
-                Method::Thesis | Method::Truncated => "use `--method parity`",
+                Method::Thesis | Method::Hsh => "use `--method parity` or `prior`",
+                _ => "use a lower `--order` or `--method prior`",
             },
         })
     }
 
-    /// SH coefficients (index k, length (sh_order+1)^2) of one function with zonal coefficients `z` (length (order+1)^2).
+    /// Values, standard errors and shares of data of the function with zonal coefficients `z` and independent variances
+    /// `variance`, both of length (order+1)^2.
+    ///
+    /// # Errors
+    /// [`ConversionError::NotFinite`].
+    pub fn estimate(&self, z: &[f64], variance: &[f64]) -> Result<Estimate, ConversionError> {
+        for (k, (&value, &variance)) in z.iter().zip(variance).enumerate() {
+            if !(value.is_finite() && variance.is_finite() && variance >= 0.0) {
+                return Err(ConversionError::NotFinite { k, value, variance });
+            }
+        }
+        Ok(Estimate {
+            y: self.apply(z),
+            sigma: self.variance(variance).into_iter().map(f64::sqrt).collect(),
+            data_share: self.data_share(),
+        })
+    }
+
+    /// How much of each coefficient is data, 0..=1, index k; 0 where the method has no function.
+    pub fn data_share(&self) -> Vec<f64> {
+        let mut shares = vec![0.0; size(self.sh_order)];
+        for block in &self.blocks {
+            for (&l, share) in block.degrees.iter().zip(&block.data_share) {
+                for m in [block.m as i32, -(block.m as i32)] {
+                    shares[index(l, m)] = share.clamp(0.0, 1.0);
+                }
+            }
+        }
+        shares
+    }
+
+    /// Coefficients (index k, length (sh_order+1)^2) of one function with zonal coefficients `z` (length (order+1)^2).
     pub fn apply(&self, z: &[f64]) -> Vec<f64> {
         self.accumulate(z, |c, z| c * z)
     }
 
-    /// Variances of the SH coefficients for independent variances of the zonal ones.
+    /// Variances of the coefficients for independent variances of the zonal ones.
     pub fn variance(&self, variance: &[f64]) -> Vec<f64> {
         self.accumulate(variance, |c, v| c * c * v)
     }
@@ -191,13 +260,13 @@ impl Conversion {
     }
 
     /// Integrals over the zone and over the rest of the hemisphere of the reconstruction's variance for unit noise.
-    fn noise_power(&self, zone: &Zone, sh: &Harmonics) -> (f64, f64) {
+    fn noise_power(&self, zone: &Zone, functions: &Harmonics) -> (f64, f64) {
         let mut power = (0.0, 0.0);
         for block in &self.blocks {
             let copies = if block.m == 0 { 1.0 } else { 2.0 };
             let covariance = &block.matrix * block.matrix.transpose();
             let trace = |zone: &Zone| {
-                let factor = polar_factor(sh, block.m, &block.degrees, zone);
+                let factor = polar_factor(functions, block.m, &block.degrees, zone);
                 (factor.transpose() * &factor).component_mul(&covariance).sum()
             };
             power.0 += copies * trace(zone);
@@ -212,71 +281,35 @@ impl Conversion {
     }
 }
 
-/// Condition number of the worst Gram block of all SH up to `order` over `zone` (`parity`: of those with l + m odd).
+/// Condition number of the worst Gram block of the functions of `family` up to `order` over `zone`.
 ///
 /// # Errors
 /// As [`Conversion::new`].
-pub fn gram_condition(zone: Zone, order: usize, parity: bool) -> Result<f64, ConversionError> {
-    let sh = Harmonics::spherical(order)?;
+pub fn gram_condition(zone: Zone, order: usize, family: Family) -> Result<f64, ConversionError> {
+    let functions = family.harmonics(order)?;
     let mut worst = 1.0f64;
     for m in 0..=order {
-        let degrees: Vec<usize> = (m..=order).filter(|l| !parity || (l + m) % 2 == 1).collect();
+        let degrees = family.degrees(order, m);
         if !degrees.is_empty() {
-            let svd = decompose(polar_factor(&sh, m, &degrees, &zone), m)?;
-            worst = worst.max(condition(&svd.s));
+            worst = worst.max(condition(&decompose(&polar_factor(&functions, m, &degrees, &zone), m)?.s));
         }
     }
     Ok(worst)
 }
 
-fn block(method: Method, zonal: &Harmonics, sh: &Harmonics, m: usize) -> Result<Block, ConversionError> {
-    let degrees: Vec<usize> = (m..=sh.order()).filter(|&l| method.keeps(l, m)).collect();
-    let zone = zonal.zone();
-    let columns: Vec<usize> = (m..=zonal.order()).collect();
-    if degrees.is_empty() {
-        return Ok(Block { m, degrees, matrix: DMatrix::zeros(0, columns.len()), condition: 1.0 });
+fn block(factor: &Factor, family: Family, strength: Strength) -> Block {
+    let mut filtered = factor.projected.clone();
+    for (mut row, s) in filtered.row_iter_mut().zip(factor.s.iter()) {
+        row *= strength.inverse(*s, factor.s[0], family);
     }
-    // With W the SH and Z the zonal functions at quadrature nodes times sqrt(weight), G = W^T W and C = G^-1 W^T Z. The
-    // SVD of W gives the same map with the square root of G's condition number.
-    let targets = polar_factor(zonal, m, &columns, &zone);
-    let svd = decompose(polar_factor(sh, m, &degrees, &zone), m)?;
-    let condition = condition(&svd.s);
-    let cut = match method {
-        Method::Truncated => svd.s.max() * TRUNCATED_CUT.sqrt(),
-        Method::Thesis | Method::Parity => 0.0,
-    };
-    let mut projected = svd.u.transpose() * targets;
-    for (i, s) in svd.s.iter().enumerate() {
-        projected.row_mut(i).scale_mut(if *s > cut { 1.0 / s } else { 0.0 });
-    }
-    Ok(Block { m, degrees, matrix: &svd.v * projected, condition })
+    let matrix = DMatrix::from_diagonal(&factor.inverse_weights) * &factor.v * filtered;
+    let data_share = (&matrix * factor.forward()).diagonal().iter().copied().collect();
+    Block { m: factor.m, degrees: factor.degrees.clone(), matrix, condition: factor.condition, data_share }
 }
 
-/// Polar parts at quadrature nodes of `zone`, times the root of the weights and of 2 pi: the square root of a Gram block.
-fn polar_factor(basis: &Harmonics, m: usize, degrees: &[usize], zone: &Zone) -> DMatrix<f64> {
-    let nodes = zone_mu_angular(NODES, zone);
-    let mut factor = DMatrix::zeros(nodes.len(), degrees.len());
-    let mut parts = Vec::new();
-    for (i, (mu, w)) in nodes.into_iter().enumerate() {
-        parts.clear();
-        basis.polar_parts(m, mu, &mut parts);
-        let root = (2.0 * PI * w).sqrt();
-        for (j, &l) in degrees.iter().enumerate() {
-            factor[(i, j)] = root * parts[l - m];
-        }
-    }
-    factor
-}
-
-fn condition(singular_values: &DVector<f64>) -> f64 {
-    (singular_values.max() / singular_values.min()).powi(2)
-}
-
-fn decompose(matrix: DMatrix<f64>, m: usize) -> Result<Svd, ConversionError> {
-    let svd = svd(&matrix);
-    let residual = svd.residual(&matrix);
-    // Trust, but check; NaN fails too.
-    if residual < 1e-12 { Ok(svd) } else { Err(ConversionError::Decomposition { m, residual }) }
+fn numerical_rank(factor: &Factor) -> usize {
+    let least = factor.s[0] * factor.s.len() as f64 * f64::EPSILON;
+    factor.s.iter().filter(|s| **s > least).count()
 }
 
 #[cfg(test)]
@@ -296,17 +329,17 @@ mod tests {
     #[test]
     fn condition_tables_are_reproduced() {
         let orders = [2, 4, 6, 8, 10, 12];
-        let rows: [(Zone, bool, &[f64]); 4] = [
-            (built(), false, &[3.0e4, 1.1e9, 5.1e13]),
-            (full(), false, &[2.5e2, 1.6e5, 1.3e8, 1.2e11, 1.1e14]),
-            (built(), true, &[1.0, 4.1, 20.0, 1.4e2, 1.1e3, 1.0e4]),
-            (full(), true, &[1.0, 1.1, 1.3, 1.6, 2.0, 2.6]),
+        let rows: [(Zone, Family, &[f64]); 4] = [
+            (built(), Family::All, &[3.0e4, 1.1e9, 5.1e13]),
+            (full(), Family::All, &[2.5e2, 1.6e5, 1.3e8, 1.2e11, 1.1e14]),
+            (built(), Family::Odd, &[1.0, 4.1, 20.0, 1.4e2, 1.1e3, 1.0e4]),
+            (full(), Family::Odd, &[1.0, 1.1, 1.3, 1.6, 2.0, 2.6]),
         ];
-        for (zone, parity, values) in rows {
+        for (zone, family, values) in rows {
             for (i, order) in orders.into_iter().enumerate() {
-                let got = gram_condition(zone, order, parity).unwrap();
+                let got = gram_condition(zone, order, family).unwrap();
                 match values.get(i) {
-                    Some(want) => assert!((got / want - 1.0).abs() < TABLE, "{order} {parity}: {got:e} not {want:e}"),
+                    Some(want) => assert!((got / want - 1.0).abs() < TABLE, "{order} {family:?}: {got:e} not {want:e}"),
                     // The table's bounds: beyond 1e16 on the built zone, beyond 1e15 on the full one.
                     None => assert!(got > if zone == built() { 1e16 } else { 1e15 }, "{order}: {got:e}"),
                 }

@@ -1,14 +1,24 @@
 //! The zonal basis, real spherical harmonics, and the way from one to the other. Pure.
 //!
-//! Both bases are one family, [`Harmonics`], on different domains: the zone stretched to the sphere is the sphere. Index
+//! Both bases are one type, [`Harmonics`], on different domains: the zone stretched to the sphere is the sphere. Index
 //! `k = l(l+1) + m`, no Condon-Shortley phase, sin(|m| phi) for m < 0, orthonormal for dw = sin(theta) dtheta dphi.
+//! A [`Conversion`] takes zonal coefficients to the functions of a [`Family`] by a [`Method`].
 
 mod batch;
 mod conversion;
+mod evidence;
+mod factor;
+mod family;
 mod harmonics;
 mod jacobi;
+mod method;
+mod slepian;
 mod weighted;
 
-pub use conversion::{Block, Conversion, ConversionError, Method, gram_condition};
+pub use conversion::{Block, Conversion, ConversionError, Estimate, gram_condition};
+pub use evidence::{Evidence, Rule};
+pub use family::Family;
 pub use harmonics::{Harmonics, MAX_ORDER, OrderError, index, lm, size};
+pub use method::{Method, Strength};
+pub use slepian::{Slepian, SlepianBlock};
 pub use weighted::{DualSolution, WeightedDual};

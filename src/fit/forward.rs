@@ -1,14 +1,11 @@
 //! What a reflectance model predicts for the measured coefficients.
 
-use std::f64::consts::PI;
-
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::Observations;
 use crate::basis::{Harmonics, OrderError};
-use crate::geometry::quadrature::gauss_legendre;
-use crate::geometry::{Direction, ExitantGrid, Zone};
+use crate::geometry::{Direction, ExitantGrid, Fineness, Zone, zone_about_mirror};
 use crate::reflectance::Brdf;
 use crate::reflectance::ggx::schlick;
 
@@ -46,26 +43,9 @@ pub struct Node {
     pub schlick: f64,
 }
 
-/// Fineness of the rule.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Fineness {
-    /// Nodes per unit of the cube root of the angle away from the mirror direction.
-    pub radial: usize,
-    /// Azimuths on the half circle around it.
-    pub around: usize,
-}
-
-impl Default for Fineness {
-    fn default() -> Self {
-        Self { radial: 32, around: 64 }
-    }
-}
-
-impl Fineness {
-    /// What data deserve: single exitant directions are noisier than averages over a ring, and there are more of them.
-    pub fn of(observations: &Observations) -> Self {
-        if observations.folded { Self::default() } else { Self { radial: 24, around: 40 } }
-    }
+/// What data deserve: single exitant directions are noisier than averages over a ring, and there are more of them.
+pub(super) fn fineness_of(observations: &Observations) -> Fineness {
+    if observations.folded { Fineness::default() } else { Fineness { radial: 24, around: 40 } }
 }
 
 impl Forward {
@@ -197,72 +177,15 @@ impl RingNodes {
         let sides: &[f64] = if folded { &[1.0] } else { &[1.0, -1.0] };
         // An isotropic shape looks alike on both sides of the plane of wo.
         let share = 2.0 / sides.len() as f64;
-        for (zeta, dzeta) in around(theta_o, &basis.zone(), fineness.around) {
-            for (chi, dchi) in along(theta_o, zeta, &basis.zone(), fineness.radial) {
-                for side in sides {
-                    let wi = away_from_mirror(theta_o, chi, side * zeta);
-                    basis.eval_direction_into(&Direction::new_unchecked(wi), &mut functions);
-                    let solid_angle = share * chi.sin() * dchi * dzeta;
-                    zonal.extend(terms.iter().map(|&k| solid_angle * functions[k]));
-                    let h = (wi + wo).normalize();
-                    nodes.push(Node { wi, wo, h, schlick: schlick(&wo, &h) });
-                }
+        for (half, weight) in zone_about_mirror(theta_o, &basis.zone(), fineness) {
+            for side in sides {
+                let wi = Vector3::new(half.x, side * half.y, half.z);
+                basis.eval_direction_into(&Direction::new_unchecked(wi), &mut functions);
+                zonal.extend(terms.iter().map(|&k| share * weight * functions[k]));
+                let h = (wi + wo).normalize();
+                nodes.push(Node { wi, wo, h, schlick: schlick(&wo, &h) });
             }
         }
         Self { wo, nodes, zonal }
     }
-}
-
-/// The direction `chi` away from the mirror direction of (theta_o, 0), towards the azimuth `zeta` around it; zeta = 0 lies
-/// on the horizon's side.
-fn away_from_mirror(theta_o: f64, chi: f64, zeta: f64) -> Vector3<f64> {
-    let ((sin_o, cos_o), (sin_c, cos_c), (sin_z, cos_z)) = (theta_o.sin_cos(), chi.sin_cos(), zeta.sin_cos());
-    let down = sin_c * cos_z;
-    Vector3::new(-sin_o * cos_c - cos_o * down, sin_c * sin_z, cos_o * cos_c - sin_o * down)
-}
-
-/// Azimuths in (0, pi) around the mirror direction and weights dzeta.
-///
-/// Great circles from the mirror direction touch the zone's inner edge at one azimuth, where the integrand has a square
-/// root; the rule is split there and its nodes crowd at both ends, which makes it smooth again.
-fn around(theta_o: f64, zone: &Zone, count: usize) -> Vec<(f64, f64)> {
-    let touching = PI - (zone.theta_min().sin() / theta_o.sin()).min(1.0).asin();
-    let mut nodes = Vec::new();
-    for (lo, hi) in [(0.0, touching), (touching, PI)] {
-        let half = (hi - lo) / 2.0;
-        let n = (count as f64 * half / (PI / 2.0)).ceil() as usize + 4;
-        for (t, w) in gauss_legendre(n, 0.0, PI) {
-            nodes.push((lo + half * (1.0 - t.cos()), half * t.sin() * w));
-        }
-    }
-    nodes
-}
-
-/// Nodes in chi and weights dchi along one azimuth, inside the zone.
-fn along(theta_o: f64, zeta: f64, zone: &Zone, radial: usize) -> Vec<(f64, f64)> {
-    // On this great circle mu = R cos(chi + delta).
-    let (sin_o, cos_o) = theta_o.sin_cos();
-    let (x, y) = (cos_o, sin_o * zeta.cos());
-    let (r, delta) = (x.hypot(y), y.atan2(x));
-    let end = ((zone.cos_max() / r).clamp(-1.0, 1.0).acos() - delta).clamp(0.0, PI);
-    let hole = (zone.cos_min() / r).min(1.0).acos();
-    let (hole_0, hole_1) = ((-hole - delta).clamp(0.0, end), (hole - delta).clamp(0.0, end));
-    let mut nodes = Vec::new();
-    for (chi_0, chi_1) in [(0.0, hole_0), (hole_1, end)] {
-        if chi_1 <= chi_0 {
-            continue;
-        }
-        let (u0, u1) = (chi_0.cbrt(), chi_1.cbrt());
-        let (length, n) = (u1 - u0, ((u1 - u0) * radial as f64).ceil() as usize + 3);
-        // Zonal functions of odd m end in a square root at the zone's edges; these steps make it smooth.
-        for (t, w) in gauss_legendre(n, 0.0, 1.0) {
-            let (u, du) = if chi_0 == 0.0 {
-                (u0 + length * t * (2.0 - t), 2.0 * length * (1.0 - t))
-            } else {
-                (u0 + length * t * t * (3.0 - 2.0 * t), 6.0 * length * t * (1.0 - t))
-            };
-            nodes.push((u * u * u, 3.0 * u * u * du * w));
-        }
-    }
-    nodes
 }

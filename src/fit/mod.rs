@@ -31,7 +31,8 @@ use search::Minimum;
 use session::Session;
 use uncertainty::{CalibrationErrors, covariance};
 
-pub use forward::{Fineness, Forward, Node};
+pub use crate::geometry::Fineness;
+pub use forward::{Forward, Node};
 pub use method::{FitMethod, UnknownMethod};
 pub use observations::{Observations, Station};
 pub use report::{FitReport, Plausibility, ResidualMap};

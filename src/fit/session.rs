@@ -5,11 +5,12 @@ use std::sync::OnceLock;
 use super::baselines::{ggx_to_reconstruction, thesis};
 use super::dictionary::{DbrdfFamily, Dictionary};
 use super::family::{AbcFamily, Family, GgxFamily, LambertFamily};
+use super::forward::fineness_of;
 use super::likelihood::Likelihood;
 use super::search::{Minimum, Termination, search, search_from};
 use super::select::{Candidate, Selection, choose, predicted_error, reason};
 use super::uncertainty::lambert_column;
-use super::{Fineness, FitError, FitMethod, Fitted, Forward, Observations};
+use super::{FitError, FitMethod, Fitted, Forward, Observations};
 use crate::basis::OrderError;
 
 /// What all methods share: the rule for the integrals and the columns of many widths.
@@ -22,7 +23,7 @@ pub(super) struct Session<'a> {
 
 impl<'a> Session<'a> {
     pub fn new(observations: &'a Observations) -> Result<Self, OrderError> {
-        let forward = Forward::new(observations, Fineness::of(observations))?;
+        let forward = Forward::new(observations, fineness_of(observations))?;
         let lambert = lambert_column(&forward);
         Ok(Self { observations, forward, lambert, dictionary: OnceLock::new() })
     }

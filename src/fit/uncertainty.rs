@@ -4,9 +4,10 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::family::Family;
+use super::forward::fineness_of;
 use super::likelihood::Likelihood;
 use super::search::{Minimum, derivative};
-use super::{Fineness, Forward, Observations};
+use super::{Forward, Observations};
 use crate::basis::OrderError;
 use crate::calibrate::gray_card_coefficients;
 use crate::geometry::Zone;
@@ -84,7 +85,7 @@ fn moved(zone: &Zone, edge: usize, by_deg: f64) -> Zone {
 
 /// Integrals over the zone really lit, and the factor by which the gray card's calibration scales them.
 pub(super) fn shifted_forward(observations: &Observations, zone: Zone) -> Result<(Forward, f64), OrderError> {
-    let forward = Forward::over(observations, zone, Fineness::of(observations))?;
+    let forward = Forward::over(observations, zone, fineness_of(observations))?;
     let gray = |zone: Zone| gray_card_coefficients(zone, 0, 1.0)[0];
     Ok((forward, gray(observations.grid.zone()) / gray(zone)))
 }

@@ -1,0 +1,108 @@
+//! The linear ways from zonal coefficients to functions of the hemisphere, and how strongly they are held back.
+
+use super::family::Family;
+
+/// How zonal coefficients become functions on the whole hemisphere: the maps that are linear and know no material.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Method {
+    /// The literal dual basis of all SH up to L over the zone (Ghosh 2007, eq. 3.12-3.16). Fails on partial zones.
+    Thesis,
+    /// The same dual with the small eigenvalues of the Gram matrix cut.
+    Truncated,
+    /// The harmonics that vanish at the horizon, as combinations with most of their energy in the zone; others are left out.
+    Slepian,
+    /// Least squares over the zone in the SH with l + m odd, up to L + 1: those that vanish at the horizon, as f_cos does.
+    Parity,
+    /// The same up to a higher order, curvature held down.
+    Tikhonov,
+    /// The dual basis of the hemispherical harmonics up to L over the zone (Gautron et al. 2004).
+    Hsh,
+}
+
+/// How strongly a method holds back what the zone says little about.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Strength {
+    /// Not at all.
+    Exact,
+    /// Eigenvalues of a Gram block below this share of the block's largest are cut.
+    Cut(f64),
+    /// Functions with less than this share of their energy in the zone are left out.
+    Concentration(f64),
+    /// min |W y - Z z|^2 + lambda |l (l + 1) y|^2: the factor of the squared curvature.
+    Curvature(f64),
+}
+
+/// Functions of more than half their energy in the zone are known from it; the count of them is the zone's Shannon number
+/// (Simons, Dahlen, Wieczorek 2006).
+const CONCENTRATED: f64 = 0.5;
+/// Used where no data chose: the level at which noise of 1% drowns an eigenvalue of the built zone.
+const CUT: f64 = 3e-2;
+/// The same for curvature.
+const CURVATURE: f64 = 1e-4;
+/// Orders [`Method::Tikhonov`] goes beyond the zonal one.
+const SMOOTH_ORDERS: usize = 4;
+
+impl Method {
+    /// All methods, in the order charts list them.
+    pub const ALL: [Method; 6] =
+        [Method::Thesis, Method::Truncated, Method::Slepian, Method::Parity, Method::Tikhonov, Method::Hsh];
+
+    /// The name used at the prompt and in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Method::Thesis => "thesis",
+            Method::Truncated => "truncated",
+            Method::Slepian => "slepian",
+            Method::Parity => "parity",
+            Method::Tikhonov => "tikhonov",
+            Method::Hsh => "hsh",
+        }
+    }
+
+    /// The functions it expands in.
+    pub fn family(self) -> Family {
+        match self {
+            Method::Thesis | Method::Truncated => Family::All,
+            Method::Slepian | Method::Parity | Method::Tikhonov => Family::Odd,
+            Method::Hsh => Family::Hemispherical,
+        }
+    }
+
+    /// The order of these functions that zonal order `order` leads to, at most [`super::MAX_ORDER`].
+    pub fn sh_order(self, order: usize) -> usize {
+        let wanted = match self {
+            Method::Thesis | Method::Truncated | Method::Hsh => order,
+            Method::Slepian | Method::Parity => order + 1,
+            Method::Tikhonov => order + SMOOTH_ORDERS,
+        };
+        wanted.min(super::MAX_ORDER)
+    }
+
+    /// The strength used where no data chose one.
+    pub fn strength(self) -> Strength {
+        match self {
+            Method::Thesis | Method::Parity | Method::Hsh => Strength::Exact,
+            Method::Truncated => Strength::Cut(CUT),
+            Method::Slepian => Strength::Concentration(CONCENTRATED),
+            Method::Tikhonov => Strength::Curvature(CURVATURE),
+        }
+    }
+
+    /// Whether data choose its strength: see [`super::Evidence`].
+    pub fn is_tuned(self) -> bool {
+        matches!(self, Method::Truncated | Method::Tikhonov)
+    }
+}
+
+impl Strength {
+    /// What a component of singular value `s` is multiplied by, in a block whose largest is `largest`; 1/s unless held back.
+    pub(super) fn inverse(self, s: f64, largest: f64, family: Family) -> f64 {
+        let keep = match self {
+            Strength::Exact => s > 0.0,
+            Strength::Cut(cut) => s * s > cut * largest * largest,
+            Strength::Concentration(share) => s * s > share * family.energy(),
+            Strength::Curvature(lambda) => return s / (s * s + lambda),
+        };
+        if keep { 1.0 / s } else { 0.0 }
+    }
+}
