@@ -145,9 +145,17 @@ impl Conversion {
         order: usize,
         strength: Strength,
     ) -> Result<Self, ConversionError> {
-        let (family, sh_order) = (method.family(), method.sh_order(order));
+        let (family, sh_order) = (method.family(), method.sh_order(zone, order)?);
         let curvature = matches!(strength, Strength::Curvature(_));
         let factors = factors(&zone, Key::new(&zone, order, family, sh_order, curvature))?;
+        // In a thin zone no function has much of its energy: the best ones are kept all the same.
+        let strength = match strength {
+            Strength::Concentration(share) => {
+                let best = factors.iter().map(|f| f.s[0] * f.s[0] / family.energy()).fold(0.0, f64::max);
+                Strength::Concentration(share.min(best * (1.0 - 1e-9)))
+            }
+            other => other,
+        };
         let blocks: Vec<Block> = factors.iter().map(|f| block(f, family, strength)).collect();
         if strength == Strength::Exact {
             for f in factors.iter() {
@@ -208,11 +216,7 @@ impl Conversion {
     /// # Errors
     /// [`ConversionError::NotFinite`].
     pub fn estimate(&self, z: &[f64], variance: &[f64]) -> Result<Estimate, ConversionError> {
-        for (k, (&value, &variance)) in z.iter().zip(variance).enumerate() {
-            if !(value.is_finite() && variance.is_finite() && variance >= 0.0) {
-                return Err(ConversionError::NotFinite { k, value, variance });
-            }
-        }
+        require_finite(z, variance)?;
         Ok(Estimate {
             y: self.apply(z),
             sigma: self.variance(variance).into_iter().map(f64::sqrt).collect(),
@@ -295,6 +299,16 @@ pub fn gram_condition(zone: Zone, order: usize, family: Family) -> Result<f64, C
         }
     }
     Ok(worst)
+}
+
+/// Refuses what no estimate can be made of.
+pub(super) fn require_finite(z: &[f64], variance: &[f64]) -> Result<(), ConversionError> {
+    for (k, (&value, &variance)) in z.iter().zip(variance).enumerate() {
+        if !(value.is_finite() && variance.is_finite() && variance >= 0.0) {
+            return Err(ConversionError::NotFinite { k, value, variance });
+        }
+    }
+    Ok(())
 }
 
 fn block(factor: &Factor, family: Family, strength: Strength) -> Block {

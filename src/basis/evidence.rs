@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::DVector;
 
-use super::conversion::ConversionError;
+use super::conversion::{Conversion, ConversionError};
 use super::factor::{Factor, Key, factors};
 use super::harmonics::index;
 use super::method::{Method, Strength};
@@ -13,6 +13,9 @@ use crate::geometry::Zone;
 /// A rule that chooses a [`Strength`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rule {
+    /// Nothing is held back where the zone says enough (no more noise outside than [`HARMLESS_GAIN`] times that of the
+    /// zonal series); elsewhere [`Rule::Gcv`].
+    Auto,
     /// The strongest at which what is left out in the zone is no more than the noise (Morozov 1966).
     Discrepancy,
     /// The minimum of generalised cross-validation (Golub, Heath, Wahba 1979), which does not ask for the noise.
@@ -34,8 +37,11 @@ pub struct Evidence {
     /// Data per block: (zonal functions, cos and sin).
     data: Vec<f64>,
     spectra: usize,
+    harmless: bool,
 }
 
+/// A noise gain outside the zone that needs no remedy.
+pub const HARMLESS_GAIN: f64 = 3.0;
 /// Candidates for lambda: twenty a decade would change nothing.
 const LAMBDAS: i32 = 4;
 
@@ -46,11 +52,14 @@ impl Evidence {
     /// As [`super::Conversion::new`].
     pub fn new(method: Method, zone: Zone, order: usize) -> Result<Self, ConversionError> {
         let curvature = matches!(method.strength(), Strength::Curvature(_));
-        let key = Key::new(&zone, order, method.family(), method.sh_order(order), curvature);
+        let key = Key::new(&zone, order, method.family(), method.sh_order(zone, order)?, curvature);
         let blocks = factors(&zone, key)?;
         let power = blocks.iter().map(|b| vec![[0.0; 2]; b.s.len()]).collect();
         let data = blocks.iter().map(|b| b.projected.ncols() as f64 * copies(b.m)).collect();
-        Ok(Self { method, blocks, power, unreached: 0.0, data, spectra: 0 })
+        // A dual that cannot be told apart does harm.
+        let exact = method.is_tuned().then(|| Conversion::with_strength(method, zone, order, Strength::Exact));
+        let harmless = matches!(exact, Some(Ok(c)) if c.noise_gain_out <= HARMLESS_GAIN);
+        Ok(Self { method, blocks, power, unreached: 0.0, data, spectra: 0, harmless })
     }
 
     /// Adds one spectrum, (order + 1)^2 zonal coefficients and their variances; one that is not finite or has no noise says
@@ -84,12 +93,13 @@ impl Evidence {
         }
         let candidates = self.candidates();
         match rule {
+            Rule::Auto if self.harmless => Strength::Exact,
             Rule::Discrepancy => {
                 let noise: f64 = self.power.iter().flatten().map(|p| p[1]).sum();
                 let weakest = candidates[candidates.len() - 1];
                 candidates.into_iter().find(|c| self.left_out(*c).0 <= noise).unwrap_or(weakest)
             }
-            Rule::Gcv => {
+            Rule::Gcv | Rule::Auto => {
                 let score = |c: &Strength| {
                     let (left_out, freedom) = self.left_out(*c);
                     (left_out + self.unreached) / freedom.max(f64::MIN_POSITIVE).powi(2)

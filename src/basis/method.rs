@@ -1,6 +1,8 @@
 //! The linear ways from zonal coefficients to functions of the hemisphere, and how strongly they are held back.
 
+use super::conversion::{ConversionError, gram_condition};
 use super::family::Family;
+use crate::geometry::Zone;
 
 /// How zonal coefficients become functions on the whole hemisphere: the maps that are linear and know no material.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -32,13 +34,15 @@ pub enum Strength {
     Curvature(f64),
 }
 
-/// Functions of more than half their energy in the zone are known from it; the count of them is the zone's Shannon number
-/// (Simons, Dahlen, Wieczorek 2006).
-const CONCENTRATED: f64 = 0.5;
+/// Functions of a tenth of their energy in the zone raise noise of 1% to 3% of the signal outside.
+const CONCENTRATED: f64 = 0.1;
 /// Used where no data chose: the level at which noise of 1% drowns an eigenvalue of the built zone.
 const CUT: f64 = 3e-2;
 /// The same for curvature.
 const CURVATURE: f64 = 1e-4;
+/// Orders `parity` may go beyond the zonal one while the zone tells its functions apart this well.
+const RAISED_ORDERS: usize = 4;
+const HARMLESS: f64 = 3.9;
 /// Orders [`Method::Tikhonov`] goes beyond the zonal one.
 const SMOOTH_ORDERS: usize = 4;
 
@@ -69,13 +73,25 @@ impl Method {
     }
 
     /// The order of these functions that zonal order `order` leads to, at most [`super::MAX_ORDER`].
-    pub fn sh_order(self, order: usize) -> usize {
+    ///
+    /// # Errors
+    /// As [`super::Conversion::new`].
+    pub fn sh_order(self, zone: Zone, order: usize) -> Result<usize, ConversionError> {
         let wanted = match self {
             Method::Thesis | Method::Truncated | Method::Hsh => order,
-            Method::Slepian | Method::Parity => order + 1,
+            Method::Slepian | Method::Parity => {
+                let mut wanted = order + 1;
+                while order > 1 && wanted < (order + RAISED_ORDERS).min(super::MAX_ORDER) {
+                    if gram_condition(zone, wanted + 1, Family::Odd)? > HARMLESS {
+                        break;
+                    }
+                    wanted += 1;
+                }
+                wanted
+            }
             Method::Tikhonov => order + SMOOTH_ORDERS,
         };
-        wanted.min(super::MAX_ORDER)
+        Ok(wanted.min(super::MAX_ORDER))
     }
 
     /// The strength used where no data chose one.

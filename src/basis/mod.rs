@@ -12,13 +12,15 @@ mod family;
 mod harmonics;
 mod jacobi;
 mod method;
+mod prior;
 mod slepian;
 mod weighted;
 
 pub use conversion::{Block, Conversion, ConversionError, Estimate, gram_condition};
-pub use evidence::{Evidence, Rule};
+pub use evidence::{Evidence, HARMLESS_GAIN, Rule};
 pub use family::Family;
 pub use harmonics::{Harmonics, MAX_ORDER, OrderError, index, lm, size};
 pub use method::{Method, Strength};
+pub use prior::{Learned, Member, Population, Projection, RingBlock, RingMap, RingMean};
 pub use slepian::{Slepian, SlepianBlock};
 pub use weighted::{DualSolution, WeightedDual};
