@@ -7,8 +7,10 @@ mod batch;
 mod conversion;
 mod harmonics;
 mod jacobi;
+mod rotation;
 mod weighted;
 
 pub use conversion::{Block, Conversion, ConversionError, Method, gram_condition};
 pub use harmonics::{Harmonics, MAX_ORDER, OrderError, index, lm, size};
+pub use rotation::{ShRotation, about_normal, about_normal_variance};
 pub use weighted::{DualSolution, WeightedDual};
