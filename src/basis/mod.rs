@@ -8,9 +8,13 @@ mod conversion;
 mod harmonics;
 mod jacobi;
 mod rotation;
+mod tensor;
 mod weighted;
 
 pub use conversion::{Block, Conversion, ConversionError, Method, gram_condition};
 pub use harmonics::{Harmonics, MAX_ORDER, OrderError, index, lm, size};
 pub use rotation::{ShRotation, about_normal, about_normal_variance};
+pub use tensor::{
+    ExitantRule, HarmonicTensor, RECIPROCAL_P, Reciprocity, Tensor, TensorBlock, TensorError, edge_shift, reciprocity,
+};
 pub use weighted::{DualSolution, WeightedDual};
