@@ -16,5 +16,6 @@ pub use harmonics::{Harmonics, MAX_ORDER, OrderError, index, lm, size};
 pub use rotation::{ShRotation, about_normal, about_normal_variance};
 pub use tensor::{
     ExitantRule, HarmonicTensor, RECIPROCAL_P, Reciprocity, Tensor, TensorBlock, TensorError, edge_shift, reciprocity,
+    rotation_shift,
 };
 pub use weighted::{DualSolution, WeightedDual};

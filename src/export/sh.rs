@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use crate::basis::{Conversion, Harmonics, MAX_ORDER, size};
 use crate::geometry::{Direction, ExitantGrid, Sample, Zone};
-use crate::reduce::Coefficients;
+use crate::reduce::{CHANNEL_NAMES, Coefficients};
 use crate::reflectance::{Brdf, Towards};
 use crate::store::{Layers, Plane, StoreError};
 
@@ -34,8 +34,6 @@ pub struct ShMaterial {
 /// The functions of the expansion, for the file's header.
 const FUNCTIONS: &str = "real spherical harmonics, orthonormal over the sphere: Y_lm = N_l|m| P_l|m|(cos theta_i) times 1 for \
 m = 0, sqrt(2) cos(m phi_i) for m > 0, sqrt(2) sin(|m| phi_i) for m < 0; N_lm^2 = (2l+1)/(4 pi) (l-m)!/(l+m)!";
-
-const CHANNELS: [&str; 3] = ["R", "G", "B"];
 
 impl ShMaterial {
     /// Converts measured zonal coefficients.
@@ -112,7 +110,7 @@ impl ShMaterial {
         let n = self.grid.len();
         let mut image = Layers::new(self.grid.sectors(), self.grid.rings());
         for k in 0..size(self.order()) {
-            for (c, name) in CHANNELS.iter().enumerate() {
+            for (c, name) in CHANNEL_NAMES.iter().enumerate() {
                 let at = (k * 3 + c) * n;
                 image.plane(format!("y_{k:03}.{name}"), Plane::Float(self.values[at..at + n].to_vec()));
                 image.plane(format!("sigma_{k:03}.{name}"), Plane::Float(self.sigma[at..at + n].to_vec()));
@@ -149,7 +147,7 @@ impl ShMaterial {
             .map_err(|e| StoreError::invalid(path, e.to_string()))?;
         let (mut values, mut sigma) = (Vec::new(), Vec::new());
         for k in 0..harmonics.len() {
-            for name in CHANNELS {
+            for name in CHANNEL_NAMES {
                 for (stem, planes) in [("y", &mut values), ("sigma", &mut sigma)] {
                     let plane = format!("{stem}_{k:03}.{name}");
                     planes.extend(image.get(&plane).ok_or_else(|| missing(&plane))?);

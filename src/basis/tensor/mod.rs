@@ -4,20 +4,20 @@
 //! the coefficients of `F(wi, wo) = f cos(theta_i) cos(theta_o)`. With both cosines, a reciprocal f (f(wi, wo) = f(wo, wi))
 //! has a symmetric tensor. Of isotropic samples only equal m couple, cosines and sines alike: one block for each m.
 
-mod edges;
 mod harmonic;
 mod reciprocity;
 mod rings;
+mod shifts;
 
 use nalgebra::DMatrix;
 use thiserror::Error;
 
 use super::harmonics::{OrderError, index, size};
 
-pub use edges::edge_shift;
 pub use harmonic::HarmonicTensor;
 pub use reciprocity::{RECIPROCAL_P, Reciprocity, reciprocity};
 pub use rings::ExitantRule;
+pub use shifts::{edge_shift, rotation_shift};
 
 /// Why there is no tensor, or none of the kind asked for.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -58,6 +58,21 @@ pub enum TensorError {
         "the standard errors of the coefficients vanish or are no numbers: reciprocity cannot be tested; reduce again"
     )]
     NoNoise,
+    /// Reciprocity was asked for where the data contradict it.
+    #[error(
+        "the sample is not reciprocal: {:.2}% of the signal is antisymmetric, {:.2}% would be expected of noise and \
+         calibration (p = {p:.1e}): use `--reciprocity auto` or `ignore`, or `--force` to impose it all the same",
+        100.0 * violation,
+        100.0 * expected
+    )]
+    NotReciprocal {
+        /// As [`Reciprocity::violation`].
+        violation: f64,
+        /// As [`Reciprocity::expected`].
+        expected: f64,
+        /// As [`Reciprocity::p`].
+        p: f64,
+    },
     /// Conversions of other orders than the tensor's.
     #[error(
         "the tensor has orders {tensor:?} (incident, exitant), the conversions {conversions:?}: use those of its orders"
@@ -85,6 +100,10 @@ pub struct Tensor {
     pub systematic: Vec<Vec<DMatrix<f64>>>,
     /// By block, what the rule over exitant directions may be off by, entry by entry.
     pub rule_error: Vec<DMatrix<f64>>,
+    /// What else may be wrong with the rig, relative: small independent matrices E and E' of norm `rig_error` mix functions
+    /// on either side, T + E T + T E'. 0 unless set.
+    pub rig_error: f64,
+    reciprocal: bool,
 }
 
 /// Entries of a tensor that belong together.
@@ -152,6 +171,19 @@ impl Tensor {
         self.systematic.push(change.blocks.into_iter().map(|b| b.values).collect());
     }
 
+    /// Adds a source of systematic errors that changes coefficients of incident directions by `shift` z: [`edge_shift`],
+    /// [`rotation_shift`]. A full tensor takes any, one of an isotropic sample what couples equal m.
+    ///
+    /// # Panics
+    /// If `shift` is smaller than the incident functions.
+    pub fn add_shift(&mut self, shift: &DMatrix<f64>) {
+        let of = |block: &TensorBlock| {
+            let n = block.incident.len();
+            DMatrix::from_fn(n, n, |i, j| shift[(block.incident[i], block.incident[j])]) * &block.values
+        };
+        self.systematic.push(self.blocks.iter().map(of).collect());
+    }
+
     fn empty(order: usize, exitant_order: usize, isotropic: bool) -> Self {
         let block = |incident: Vec<usize>, exitant: Vec<usize>, copies| {
             let (n, columns) = (incident.len(), exitant.len());
@@ -173,7 +205,16 @@ impl Tensor {
             vec![block((0..size(order)).collect(), (0..size(exitant_order)).collect(), 1)]
         };
         let rule_error = blocks.iter().map(|b: &TensorBlock| b.values.clone()).collect();
-        Self { order, exitant_order, isotropic, blocks, systematic: Vec::new(), rule_error }
+        Self {
+            order,
+            exitant_order,
+            isotropic,
+            blocks,
+            systematic: Vec::new(),
+            rule_error,
+            rig_error: 0.0,
+            reciprocal: false,
+        }
     }
 
     fn fill(&mut self, rule: &ExitantRule, plane: impl Fn(usize) -> Vec<f64>) {

@@ -31,6 +31,17 @@ impl Reciprocity {
     pub fn holds(&self) -> bool {
         self.p >= RECIPROCAL_P
     }
+
+    /// Applies the rule that reciprocity is imposed on no data that contradict it.
+    ///
+    /// # Errors
+    /// [`TensorError::NotReciprocal`] unless [`Reciprocity::holds`].
+    pub fn check(&self) -> Result<(), TensorError> {
+        if self.holds() {
+            return Ok(());
+        }
+        Err(TensorError::NotReciprocal { violation: self.violation, expected: self.expected, p: self.p })
+    }
 }
 
 /// Tests the antisymmetric part T_kj - T_jk of all channels against the noise of cells, which all j of one k share, and
@@ -57,6 +68,7 @@ pub fn reciprocity(channels: &[Tensor]) -> Result<Reciprocity, TensorError> {
         // Errors of the rule over rings differ from entry to entry: lobes narrower than a ring are aliased.
         for (i, pair) in pairs.iter().enumerate() {
             covariance[(i, i)] += pair.of(&tensor.rule_error[pair.block]).powi(2);
+            covariance[(i, i)] += tensor.rig_error.powi(2) * pair.mixed(&tensor.blocks[pair.block].values);
         }
         // Each pair stands twice in the norm.
         expected += pairs
@@ -75,6 +87,11 @@ pub fn reciprocity(channels: &[Tensor]) -> Result<Reciprocity, TensorError> {
 }
 
 impl Tensor {
+    /// Whether reciprocity was imposed.
+    pub fn is_symmetric(&self) -> bool {
+        self.reciprocal
+    }
+
     /// Makes the estimate symmetric, each pair weighted by inverse variance, and returns the total variance of the entries
     /// before over that after.
     pub fn impose_reciprocity(&mut self) -> f64 {
@@ -90,6 +107,7 @@ impl Tensor {
             }
             after += block.copies as f64 * block.variance().sum();
         }
+        self.reciprocal = true;
         if after > 0.0 { before / after } else { 1.0 }
     }
 }
@@ -106,6 +124,17 @@ impl Pair {
     /// T_kj - T_jk.
     fn of(&self, values: &DMatrix<f64>) -> f64 {
         values[(self.k, self.j)] - values[(self.j, self.k)]
+    }
+}
+
+impl Pair {
+    /// Variance of E T + T E' in this pair for matrices of norm 1, their power spread evenly over each row.
+    fn mixed(&self, values: &DMatrix<f64>) -> f64 {
+        let of = |i: usize| {
+            values.row(i).norm_squared() / values.ncols() as f64
+                + values.column(i).norm_squared() / values.nrows() as f64
+        };
+        of(self.k) + of(self.j)
     }
 }
 

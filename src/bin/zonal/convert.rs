@@ -6,6 +6,7 @@ use clap::ValueEnum;
 use zonal::basis::{Conversion, Method};
 use zonal::export::ShMaterial;
 
+use crate::both_sides;
 use crate::common::{self, Report};
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -44,12 +45,17 @@ pub struct Args {
     /// Convert even where noise exceeds the signal.
     #[arg(long)]
     force: bool,
+    #[command(flatten)]
+    both: both_sides::Args,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Report> {
     let out = common::writable(&args.out)?;
     let coefficients = common::coefficients(&args.run, args.order)?;
     let order = coefficients.order;
+    if args.both.both_sides {
+        return both_sides::run(&args.both, &coefficients, args.method.into(), args.force, &out);
+    }
     let conversion = Conversion::new(args.method.into(), coefficients.grid.zone(), order)?;
     if !args.force {
         conversion.check(coefficients.noise_rel())?;

@@ -1,5 +1,6 @@
 //! The command line: parses, calls, prints. Exit status 0 done, 1 failed, 2 wrong usage or bad input.
 
+mod both_sides;
 mod calibrate;
 mod common;
 mod compare;
