@@ -12,7 +12,7 @@ pub struct HarmonicTensor {
     pub order: usize,
     /// SH order of exitant directions.
     pub exitant_order: usize,
-    /// By |m| for isotropic samples, rows and columns l - |m|, the same for cosines and sines; else one matrix by index k.
+    /// By |m|, up to the lower order, for isotropic samples, rows and columns l - |m|, the same for cosines and sines; else one matrix by index k.
     pub values: Vec<DMatrix<f64>>,
     /// Standard errors from the noise of cells, indexed alike.
     pub sigma: Vec<DMatrix<f64>>,
@@ -45,7 +45,15 @@ impl Tensor {
                 (&left * block.estimate() * right.transpose(), sigma)
             })
             .collect();
-        let (values, sigma) = blocks.into_iter().unzip();
+        let (mut values, mut sigma): (Vec<_>, Vec<_>) = blocks.into_iter().unzip();
+        if self.isotropic {
+            // Harmonics of higher |m| than was measured have no partners.
+            for m in values.len()..=order.min(exitant_order) {
+                let nothing = DMatrix::zeros(order - m + 1, exitant_order - m + 1);
+                values.push(nothing.clone());
+                sigma.push(nothing);
+            }
+        }
         Ok(HarmonicTensor { order, exitant_order, values, sigma })
     }
 }

@@ -4,10 +4,13 @@
 //! the coefficients of `F(wi, wo) = f cos(theta_i) cos(theta_o)`. With both cosines, a reciprocal f (f(wi, wo) = f(wo, wi))
 //! has a symmetric tensor. Of isotropic samples only equal m couple, cosines and sines alike: one block for each m.
 
+mod chi2;
 mod harmonic;
 mod reciprocity;
 mod rings;
 mod shifts;
+#[cfg(test)]
+mod tests;
 
 use nalgebra::DMatrix;
 use thiserror::Error;

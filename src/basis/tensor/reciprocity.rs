@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::{Tensor, TensorError};
+use super::{Tensor, TensorError, chi2};
 use crate::basis::lm;
 
 /// Reciprocity holds where chance alone would leave a larger asymmetry with at least this probability.
@@ -50,7 +50,7 @@ impl Reciprocity {
 /// # Errors
 /// [`TensorError::NoNoise`].
 pub fn reciprocity(channels: &[Tensor]) -> Result<Reciprocity, TensorError> {
-    let (mut asymmetry, mut power, mut expected, mut chi2, mut freedom) = (0.0, 0.0, 0.0, 0.0, 0);
+    let (mut asymmetry, mut power, mut expected, mut total, mut freedom) = (0.0, 0.0, 0.0, 0.0, 0);
     for tensor in channels {
         let pairs = pairs(tensor);
         for block in &tensor.blocks {
@@ -78,12 +78,18 @@ pub fn reciprocity(channels: &[Tensor]) -> Result<Reciprocity, TensorError> {
             .sum::<f64>();
         if !pairs.is_empty() {
             let factor = scaled_cholesky(covariance).ok_or(TensorError::NoNoise)?;
-            chi2 += factor.0.component_mul(&d).dot(&factor.1.solve(&factor.0.component_mul(&d)));
+            total += factor.0.component_mul(&d).dot(&factor.1.solve(&factor.0.component_mul(&d)));
         }
         freedom += pairs.len();
     }
-    let p = if freedom == 0 { 1.0 } else { puruspe::gammq(freedom as f64 / 2.0, chi2 / 2.0) };
-    Ok(Reciprocity { violation: (asymmetry / power).sqrt(), expected: (expected / power).sqrt(), chi2, freedom, p })
+    let p = if freedom == 0 { 1.0 } else { chi2::tail(freedom, total) };
+    Ok(Reciprocity {
+        violation: (asymmetry / power).sqrt(),
+        expected: (expected / power).sqrt(),
+        chi2: total,
+        freedom,
+        p,
+    })
 }
 
 impl Tensor {

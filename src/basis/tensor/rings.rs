@@ -184,7 +184,6 @@ mod tests {
     use super::*;
     use std::f64::consts::PI;
 
-    use crate::geometry::quadrature::zone_product;
     use crate::geometry::{Direction, Zone};
 
     /// Smooth in theta_o and phi_o.
@@ -212,17 +211,40 @@ mod tests {
         got.iter().zip(&want).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) / want[0]
     }
 
+    /// Largest error of any integral up to order 6, of that of the constant function.
     #[test]
     fn smooth_functions_are_integrated_exactly() {
-        let built = Zone::from_degrees(9.0, 57.0).unwrap();
-        let full = Zone::from_degrees(9.0, 90.0).unwrap();
-        for zone in [built, full] {
-            for rings in [8, 16, 32, 64] {
-                let e: Vec<String> =
-                    (0..=(rings / 2).min(16)).map(|d| format!("{:.0e}", errors(zone, rings, Some(d)))).collect();
-                eprintln!("{rings}: {:.1e}; {e:?}", errors(zone, rings, None));
+        let bounds = [(8, 2e-4), (16, 1e-6), (32, 1e-9), (64, 1e-13)];
+        for zone in [Zone::from_degrees(9.0, 57.0).unwrap(), Zone::from_degrees(9.0, 90.0).unwrap()] {
+            for (rings, at_most) in bounds {
+                let (got, rough) = (errors(zone, rings, None), errors(zone, rings, Some(0)));
+                eprintln!("{rings} rings: {got:.1e}, by midpoints {rough:.1e}");
+                assert!(got < at_most && got < 0.01 * rough, "{rings}: {got:e} {rough:e}");
             }
         }
-        let _ = zone_product(&built, 2, 2);
+    }
+
+    /// The corrections must not amplify noise: the norm of the constant's weights stays near that of midpoints.
+    #[test]
+    fn weights_stay_small_and_positive() {
+        let zone = Zone::from_degrees(9.0, 57.0).unwrap();
+        for rings in [8, 16, 32, 64] {
+            let grid = ExitantGrid::new(zone, rings, 8);
+            let of = |rule: &ExitantRule| rule.ring_weights(0, 0).clone();
+            let weights = of(&ExitantRule::new(grid, 2).unwrap());
+            assert!(weights.iter().all(|w| *w > 0.0), "{rings}: {weights}");
+            let growth = weights.norm() / of(&ExitantRule::of_degree(grid, 2, 0).unwrap()).norm();
+            assert!(growth < 1.05, "{rings}: {growth}");
+        }
+    }
+
+    #[test]
+    fn grids_too_coarse_for_the_order_are_refused() {
+        let zone = Zone::from_degrees(9.0, 57.0).unwrap();
+        for (rings, sectors) in [(4, 64), (32, 8)] {
+            let error = ExitantRule::new(ExitantGrid::new(zone, rings, sectors), 4).unwrap_err();
+            assert_eq!(error, TensorError::Grid { rings, sectors, order: 4 });
+            assert!(error.to_string().contains("ask for more in the plan"));
+        }
     }
 }
