@@ -122,8 +122,7 @@ fn reciprocal_materials_pass() {
     const SEEDS: u64 = 10;
     let grid = ExitantGrid::new(zone(), 32, 64);
     let named = ["gray-card", "ggx-0.05", "ggx-0.1", "ggx-0.4"].map(|n| (n.to_owned(), open(n).unwrap()));
-    let abc =
-        abc_materials().iter().step_by(7).map(|m| (m.name.to_string(), Arc::new(m.brdf.clone()) as Arc<dyn Brdf>));
+    let abc = abc_materials().iter().step_by(7).map(|m| (m.name.to_string(), Arc::new(m.brdf) as Arc<dyn Brdf>));
     let (mut passed, mut all) = (0, 0);
     for (name, brdf) in named.into_iter().chain(abc) {
         let exact = exact_coefficients(brdf.as_ref(), grid, 4, zone());

@@ -25,6 +25,9 @@ fn json(arguments: &[&str]) -> Value {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
+const PLAN: &str = "format = 1\nname = \"small\"\norder = 1\nrepeats = 1\n\
+    [exposure]\ncount = 2\nshortest_refreshes = 2\nspacing = 8\n[exitant]\nrings = 16\nsectors = 24\n";
+
 /// A small run, and the same with values that depend on theta_o as no reciprocal sample's do.
 static RUNS: LazyLock<(tempfile::TempDir, [String; 2])> = LazyLock::new(|| {
     let folder = tempfile::tempdir().unwrap();
@@ -59,13 +62,13 @@ fn a_tensor_goes_from_run_to_renderer() {
         (&said["isotropic"], &reciprocity["imposed"], &reciprocity["holds"]),
         (&true.into(), &true.into(), &true.into())
     );
-    assert!(reciprocity["variance_gain"].as_f64().unwrap() > 0.9 * 1.357);
+    assert!(reciprocity["variance_gain"].as_f64().unwrap() > 0.9 * 1.2);
     assert!(reciprocity["violation"].as_f64().unwrap() < reciprocity["expected"].as_f64().unwrap());
 
     json(&["convert", run, "--out", &at("sh.exr")]);
     let error = |file: &str| json(&["compare", &at(file), "--truth", "ggx-0.4"])["rel_out"].as_f64().unwrap();
     let (of_tensor, of_sh) = (error("tensor.exr"), error("sh.exr"));
-    eprintln!("ggx-0.4, order 2, outside: {of_tensor:.3}, with incident directions alone {of_sh:.3}");
+    eprintln!("ggx-0.4, order 1, outside: {of_tensor:.3}, with incident directions alone {of_sh:.3}");
     assert!(of_tensor < 1.3 * of_sh);
     json(&["render", &at("tensor.exr"), "--size", "16", "--out", &at("sphere.png")]);
     json(&["export", &at("tensor.exr"), "--format", "bsdf", "--out", &at("tensor.bsdf")]);
@@ -102,11 +105,11 @@ fn wrong_usage_is_refused() {
     let run = &RUNS.1[0];
     refused(&["convert", run, "--reciprocity", "impose", "--out", &out], &["--both-sides"]);
     refused(
-        &["convert", run, "--both-sides", "--exitant-order", "32", "--out", &out],
-        &["32 rings and 64 sectors", "order 32"],
+        &["convert", run, "--both-sides", "--exitant-order", "12", "--out", &out],
+        &["16 rings and 24 sectors", "order 12"],
     );
     refused(&["convert", run, "--both-sides", "--exitant-order", "90", "--out", &out], &["order 90"]);
-    json(&["convert", run, "--both-sides", "--exitant-order", "4", "--out", &out]);
+    json(&["convert", run, "--both-sides", "--exitant-order", "2", "--out", &out]);
     // A damaged tensor.
     let whole = std::fs::read(&out).unwrap();
     let name = b"zonal_sh_order\0double\0";

@@ -16,8 +16,9 @@ pub(super) fn tail(freedom: usize, chi2: f64) -> f64 {
         return 0.0;
     }
     // ln(x^a e^-x / Gamma(a)), from Gamma(1) or Gamma(1/2) upwards.
-    let mut ln_front = if freedom % 2 == 0 { x.ln() } else { (x / std::f64::consts::PI).ln() / 2.0 } - x;
-    let mut below = if freedom % 2 == 0 { 1.0 } else { 0.5 };
+    let even = freedom.is_multiple_of(2);
+    let mut ln_front = if even { x.ln() } else { (x / std::f64::consts::PI).ln() / 2.0 } - x;
+    let mut below = if even { 1.0 } else { 0.5 };
     while below < a {
         ln_front += (x / below).ln();
         below += 1.0;

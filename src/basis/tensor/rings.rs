@@ -32,7 +32,7 @@ impl ExitantRule {
     /// [`TensorError::Order`], or [`TensorError::Grid`] unless there are more than 2 `order` sectors and more than
     /// `order` rings.
     pub fn new(grid: ExitantGrid, order: usize) -> Result<Self, TensorError> {
-        // Least-norm weights of a higher degree on equispaced nodes grow and turn negative.
+        // On equispaced nodes the weights of much higher degrees turn negative: from degree 16 on with 32 rings.
         let degree = (2.0 * (grid.rings() as f64).sqrt()) as usize;
         Self::of_degree(grid, order, degree.saturating_sub(2))
     }
