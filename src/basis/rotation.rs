@@ -127,7 +127,7 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_xoshiro::Xoshiro256PlusPlus;
 
-    /// Rounding over 50 degrees; seen: 2e-14.
+    /// Rounding over 50 degrees. Seen: 2e-14 for values, 2e-14, 5e-15 and 9e-16 for composition, inverse and orthogonality.
     const ROTATED: f64 = 1e-13;
 
     fn coefficients(order: usize, rng: &mut Xoshiro256PlusPlus) -> Vec<f64> {
@@ -163,7 +163,6 @@ mod tests {
                 all = all.max((at(&rotated, &v) - at(&y, &back)).abs() / rms);
             }
         }
-        eprintln!("rotation, orders 0..=50: {all:.1e} of the RMS");
         assert!(all < ROTATED, "{all:e}");
     }
 
@@ -183,7 +182,6 @@ mod tests {
                 all[2] = all[2].max((gram - DMatrix::identity(2 * l + 1, 2 * l + 1)).amax());
             }
         }
-        eprintln!("order 50: composition {:.1e}, inverse {:.1e}, orthogonality {:.1e}", all[0], all[1], all[2]);
         assert!(all.iter().all(|e| *e < ROTATED), "{all:?}");
     }
 

@@ -59,17 +59,8 @@ pub fn reciprocity(channels: &[Tensor]) -> Result<Reciprocity, TensorError> {
             asymmetry += block.copies as f64 * (square - square.transpose()).norm_squared();
             power += block.copies as f64 * square.norm_squared();
         }
-        let d = DVector::from_iterator(pairs.len(), pairs.iter().map(|p| p.of(&tensor.blocks[p.block].values)));
-        let mut covariance = noise(tensor, &pairs);
-        for source in &tensor.systematic {
-            let shift = DVector::from_iterator(pairs.len(), pairs.iter().map(|p| p.of(&source[p.block])));
-            covariance.ger(1.0, &shift, &shift, 1.0);
-        }
-        // Errors of the rule over rings differ from entry to entry: lobes narrower than a ring are aliased.
-        for (i, pair) in pairs.iter().enumerate() {
-            covariance[(i, i)] += pair.of(&tensor.rule_error[pair.block]).powi(2);
-            covariance[(i, i)] += tensor.rig_error.powi(2) * pair.mixed(&tensor.blocks[pair.block].values);
-        }
+        let d = differences(&pairs, tensor.blocks.iter().map(|b| &b.values));
+        let covariance = covariance(tensor, &pairs);
         // Each pair stands twice in the norm.
         expected += pairs
             .iter()
@@ -155,6 +146,28 @@ fn pairs(tensor: &Tensor) -> Vec<Pair> {
     };
     let orders = (0..=tensor.order.min(tensor.exitant_order)).rev();
     orders.map(up_to).find(|pairs| pairs.len() <= MAX_PAIRS).unwrap_or_default()
+}
+
+/// T_kj - T_jk of every pair.
+fn differences<'a>(pairs: &[Pair], blocks: impl Iterator<Item = &'a DMatrix<f64>>) -> DVector<f64> {
+    let blocks: Vec<_> = blocks.collect();
+    DVector::from_iterator(pairs.len(), pairs.iter().map(|p| p.of(blocks[p.block])))
+}
+
+/// Covariance of all T_kj - T_jk from every source of error.
+fn covariance(tensor: &Tensor, pairs: &[Pair]) -> DMatrix<f64> {
+    let mut covariance = noise(tensor, pairs);
+    for source in &tensor.systematic {
+        let shift = differences(pairs, source.iter());
+        covariance.ger(1.0, &shift, &shift, 1.0);
+    }
+    // Lobes narrower than a ring are aliased, each entry in its own way.
+    let rule = differences(pairs, tensor.rule_error.iter());
+    for (i, pair) in pairs.iter().enumerate() {
+        covariance[(i, i)] +=
+            rule[i].powi(2) + tensor.rig_error.powi(2) * pair.mixed(&tensor.blocks[pair.block].values);
+    }
+    covariance
 }
 
 /// Covariance of all T_kj - T_jk from the noise of cells: entries of one row share it, rows do not.

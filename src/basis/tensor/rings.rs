@@ -211,14 +211,14 @@ mod tests {
         got.iter().zip(&want).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) / want[0]
     }
 
-    /// Largest error of any integral up to order 6, of that of the constant function.
+    /// Largest error of any integral up to order 6, of that of the constant function. Seen on the built zone: 6e-5, 6e-8,
+    /// 2e-11 and 4e-15; where constants alone are exact 4e-2, 1e-2, 4e-3 and 2e-3.
     #[test]
     fn smooth_functions_are_integrated_exactly() {
         let bounds = [(8, 2e-4), (16, 1e-6), (32, 1e-9), (64, 1e-13)];
         for zone in [Zone::from_degrees(9.0, 57.0).unwrap(), Zone::from_degrees(9.0, 90.0).unwrap()] {
             for (rings, at_most) in bounds {
                 let (got, rough) = (errors(zone, rings, None), errors(zone, rings, Some(0)));
-                eprintln!("{rings} rings: {got:.1e}, by midpoints {rough:.1e}");
                 assert!(got < at_most && got < 0.01 * rough, "{rings}: {got:e} {rough:e}");
             }
         }

@@ -96,8 +96,7 @@ fn full_tensors_hold_what_was_put_in() {
         let columns: Vec<usize> = (0..16).filter(|&j| (crate::basis::lm(j).1 % 2 != 0) == odd).collect();
         columns.iter().flat_map(|&j| (0..16).map(move |k| of(k, j))).fold(0.0, f64::max)
     };
-    eprintln!("even m {:.1e}, odd m {:.1e}", off(false), off(true));
-    assert!(off(false) < 1e-3 && off(true) < 1e-2);
+    assert!(off(false) < 1e-3 && off(true) < 1e-2, "{:e} {:e}", off(false), off(true));
 }
 
 #[test]
@@ -117,7 +116,7 @@ fn the_asymmetry_of_noise_has_the_chi2_of_its_freedom() {
         // Standard deviation of the mean: sqrt(2 freedom / draws), four of them.
         let off = (chi2 - freedom as f64).abs() / (2.0 * freedom as f64 / DRAWS as f64).sqrt();
         eprintln!("chi2 {chi2:.2} of {freedom}: {off:.1} standard deviations; {passed} of {DRAWS} pass at p >= 0.01");
-        assert!(off < 4.0 && passed >= DRAWS * 96 / 100);
+        assert!(off < 4.0 && passed >= DRAWS * 96 / 100, "{chi2} of {freedom}, {passed} pass");
     }
 }
 
