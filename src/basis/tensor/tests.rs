@@ -115,7 +115,6 @@ fn the_asymmetry_of_noise_has_the_chi2_of_its_freedom() {
         assert_eq!(freedom, if isotropic { 6 + 3 + 1 } else { 16 * 15 / 2 });
         // Standard deviation of the mean: sqrt(2 freedom / draws), four of them.
         let off = (chi2 - freedom as f64).abs() / (2.0 * freedom as f64 / DRAWS as f64).sqrt();
-        eprintln!("chi2 {chi2:.2} of {freedom}: {off:.1} standard deviations; {passed} of {DRAWS} pass at p >= 0.01");
         assert!(off < 4.0 && passed >= DRAWS * 96 / 100, "{chi2} of {freedom}, {passed} pass");
     }
 }
