@@ -32,9 +32,10 @@ const PLAN: &str = "format = 1\nname = \"small\"\norder = 1\nrepeats = 1\n\
 static RUNS: LazyLock<(tempfile::TempDir, [String; 2])> = LazyLock::new(|| {
     let folder = tempfile::tempdir().unwrap();
     let [run, bent]: [PathBuf; 2] = ["run", "bent"].map(|name| folder.path().join(name));
-    let arguments =
-        ["measure", "optics/ghosh-2007-built.toml", "patterns/order-2.toml", "--simulate", "ggx-0.4", "--out"];
-    json(&[&arguments[..], &[run.to_str().unwrap()]].concat());
+    let plan = folder.path().join("plan.toml");
+    std::fs::write(&plan, PLAN).unwrap();
+    let (plan, out) = (plan.to_str().unwrap(), run.to_str().unwrap());
+    json(&["measure", "optics/ghosh-2007-built.toml", plan, "--simulate", "ggx-0.4", "--out", out]);
     std::fs::create_dir(&bent).unwrap();
     std::fs::copy(run.join("run.json"), bent.join("run.json")).unwrap();
     let mut coefficients = Coefficients::read(&run.join("coefficients.exr")).unwrap();
