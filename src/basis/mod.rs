@@ -9,11 +9,14 @@ mod conversion;
 mod evidence;
 mod factor;
 mod family;
+mod gains;
 mod harmonics;
 mod jacobi;
 mod method;
 mod prior;
 mod slepian;
+mod rotation;
+mod tensor;
 mod weighted;
 
 pub use conversion::{Block, Conversion, ConversionError, Estimate, gram_condition};
@@ -22,5 +25,10 @@ pub use family::Family;
 pub use harmonics::{Harmonics, MAX_ORDER, OrderError, index, lm, size};
 pub use method::{Method, Strength};
 pub use prior::{Learned, Member, Population, Projection, RingBlock, RingMap, RingMean};
+pub use rotation::{ShRotation, about_normal, about_normal_variance};
 pub use slepian::{Slepian, SlepianBlock};
+pub use tensor::{
+    ExitantRule, HarmonicTensor, RECIPROCAL_P, Reciprocity, Tensor, TensorBlock, TensorError, edge_shift, reciprocity,
+    rotation_shift,
+};
 pub use weighted::{DualSolution, WeightedDual};

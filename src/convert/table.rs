@@ -60,6 +60,12 @@ impl PriorTable {
         Self::from_toml(include_str!("../../data/prior.toml")).expect("the built-in table is tested")
     }
 
+    /// The table as [`PriorTable::from_toml`] reads it.
+    pub fn to_toml(&self) -> String {
+        let table = toml::to_string_pretty(self).expect("plain values");
+        format!("# What `zonal convert --method prior` knows beforehand; made by `zonal prior`.\n{table}")
+    }
+
     /// Reads a table.
     ///
     /// # Errors
