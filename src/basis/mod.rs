@@ -9,6 +9,7 @@ mod harmonics;
 mod jacobi;
 mod weighted;
 
+pub use batch::{F32_ERROR, F32_MAX_ORDER, PrecisionError};
 pub use conversion::{Block, Conversion, ConversionError, Method, gram_condition};
 pub use harmonics::{Harmonics, MAX_ORDER, OrderError, index, lm, size};
 pub use weighted::{DualSolution, WeightedDual};
