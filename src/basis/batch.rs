@@ -1,19 +1,22 @@
 //! Many directions at once.
 
+use std::ops::Range;
+
 use nalgebra::{RealField, convert};
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Arch, Simd, WithSimd, bytemuck::cast};
 use rayon::prelude::*;
 use thiserror::Error;
 
 use super::Harmonics;
 use crate::geometry::{Direction, Sample};
 
-/// Directions that go through the recurrences side by side; twice as many f32 fill the same vectors.
-const LANES: usize = 8;
-const LANES_F32: usize = 2 * LANES;
-/// Up to this many functions a direction's row is written whole: memory is then written in order, which its prefetcher likes.
+/// Rows of up to this many functions take 8 directions side by side, longer ones 4, whose columns fit in the nearest cache
+/// beside what is written. Measured, as all that is chosen here: `benches/evaluation.rs`.
+const SHORT: usize = 64;
+/// Rows of up to this many functions are written one after the other, in the order the memory's prefetcher follows. Longer
+/// ones give it time in any order and are written in tiles.
 const WHOLE: usize = 128;
-/// Longer rows are written in bands, before their columns leave the nearest cache.
+/// Functions between two such writes, whose columns are still in the nearest cache.
 const BAND: usize = 16;
 /// Directions one core takes at a time.
 const SHARE: usize = 1024;
@@ -38,7 +41,11 @@ impl Harmonics {
     /// If `out` is not `directions.len() * len()` long.
     pub fn eval_many_into(&self, directions: &[Direction<Sample>], out: &mut [f64]) {
         assert_eq!(out.len(), directions.len() * self.len(), "one row of functions for each direction");
-        Arch::new().dispatch(Batch::<_, _, LANES> { basis: self, directions, out });
+        match self.len() {
+            ..=SHORT => Arch::new().dispatch(Batch::<_, _, 8, false> { basis: self, directions, out }),
+            ..=WHOLE => Arch::new().dispatch(Batch::<_, _, 4, false> { basis: self, directions, out }),
+            _ => Arch::new().dispatch(Batch::<_, _, 8, true> { basis: self, directions, out }),
+        }
     }
 
     /// [`Harmonics::eval_many_into`] on all cores: the same bits, whatever their number.
@@ -65,8 +72,32 @@ impl Harmonics {
             return Err(PrecisionError(self.order));
         }
         assert_eq!(out.len(), directions.len() * self.len(), "one row of functions for each direction");
-        Arch::new().dispatch(Batch::<_, _, LANES_F32> { basis: self, directions, out });
+        Arch::new().dispatch(Batch::<_, _, 8, false> { basis: self, directions, out });
         Ok(())
+    }
+}
+
+/// A number of the recurrences.
+trait Lane: RealField + Copy {
+    /// Rows for columns.
+    #[inline(always)]
+    fn transposed<S: Simd>(_: S, tile: [[Self; 4]; 4]) -> [[Self; 4]; 4] {
+        std::array::from_fn(|i| std::array::from_fn(|j| tile[j][i]))
+    }
+}
+
+impl Lane for f32 {}
+
+impl Lane for f64 {
+    /// In registers where four lanes fill one: left to itself the compiler stores one number at a time.
+    #[inline(always)]
+    fn transposed<S: Simd>(simd: S, tile: [[f64; 4]; 4]) -> [[f64; 4]; 4] {
+        if S::F64_LANES == 4 {
+            let registers: [S::f64s; 4] = cast(tile);
+            cast(simd.deinterleave_shfl_f64s(registers))
+        } else {
+            std::array::from_fn(|i| std::array::from_fn(|j| tile[j][i]))
+        }
     }
 }
 
@@ -90,8 +121,8 @@ impl Components for [f32; 3] {
     }
 }
 
-/// One call: functions in `T`, `N` directions at a time.
-struct Batch<'a, T, D, const N: usize> {
+/// One call: functions in `T`, `N` directions at a time, written in tiles or row after row.
+struct Batch<'a, T, D, const N: usize, const TILES: bool> {
     basis: &'a Harmonics,
     directions: &'a [D],
     out: &'a mut [T],
@@ -105,7 +136,9 @@ struct Row<T> {
     norm: T,
     /// From (l-1, l-1) to (l, l).
     step: T,
-    /// For m = 1..l: factors of x' times row l - 1, and of row l - 2.
+    /// From (l-1, l-1) to (l, l-1): the factor of x'.
+    second: T,
+    /// For |m| < l - 1, from the least m: factors of x' times row l - 1, and of row l - 2. Those of m = 0 are not used.
     climb: Vec<(T, T)>,
 }
 
@@ -122,23 +155,23 @@ struct Block<T, const N: usize> {
 }
 
 // A closure is not inlined into the function that has the vector instructions; this is.
-impl<T: RealField + Copy, D: Components, const N: usize> WithSimd for Batch<'_, T, D, N> {
+impl<T: Lane, D: Components, const N: usize, const TILES: bool> WithSimd for Batch<'_, T, D, N, TILES> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn with_simd<S: Simd>(self, simd: S) {
         let (basis, n) = (self.basis, self.basis.len());
         let rows: Vec<Row<T>> = (1..=basis.order).map(|l| basis.row(l)).collect();
         let mut columns = vec![[T::zero(); N]; n];
         for (directions, out) in self.directions.chunks(N).zip(self.out.chunks_mut(N * n)) {
             let block = Block::new(basis, directions);
-            block.fill(convert(basis.dc()), &rows, &mut columns, out);
+            block.fill::<S, TILES>(simd, convert(basis.dc()), &rows, &mut columns, out);
         }
     }
 }
 
 impl Harmonics {
-    fn row<T: RealField + Copy>(&self, l: usize) -> Row<T> {
+    fn row<T: Lane>(&self, l: usize) -> Row<T> {
         let degree = l as f64;
         let factors = |m: usize| self.steps[m][l - m];
         Row {
@@ -146,13 +179,14 @@ impl Harmonics {
             turn: convert((2.0 * degree - 1.0) / degree),
             norm: convert((2.0 * degree + 1.0).sqrt()),
             step: convert(factors(l).0),
-            climb: (1..l).map(|m| (convert(factors(m).0), convert(factors(m).1))).collect(),
+            second: convert(factors(l - 1).0),
+            climb: (2..2 * l - 1).map(|j| factors(j.abs_diff(l))).map(|(a, b)| (convert(a), convert(b))).collect(),
         }
     }
 }
 
 #[inline(always)]
-fn lanes<T: RealField + Copy, const N: usize>(f: impl Fn(usize) -> T) -> [T; N] {
+fn lanes<T: Lane, const N: usize>(f: impl Fn(usize) -> T) -> [T; N] {
     let mut out = [T::zero(); N];
     for (i, out) in out.iter_mut().enumerate() {
         *out = f(i);
@@ -160,7 +194,7 @@ fn lanes<T: RealField + Copy, const N: usize>(f: impl Fn(usize) -> T) -> [T; N] 
     out
 }
 
-impl<T: RealField + Copy, const N: usize> Block<T, N> {
+impl<T: Lane, const N: usize> Block<T, N> {
     /// Always from f64: at an end of the zone mu - a has digits that are lost once a is rounded to f32.
     #[inline(always)]
     fn new<D: Components>(basis: &Harmonics, directions: &[D]) -> Self {
@@ -184,46 +218,52 @@ impl<T: RealField + Copy, const N: usize> Block<T, N> {
     /// The functions row by row, so that those of one row do not wait for each other: `columns[k]` holds function k in
     /// every lane. Azimuths ride along: row l starts from s'^l cos(l phi) and s'^l sin(l phi).
     #[inline(always)]
-    fn fill(&self, dc: T, rows: &[Row<T>], columns: &mut [[T; N]], out: &mut [T]) {
+    fn fill<S: Simd, const TILES: bool>(&self, simd: S, dc: T, rows: &[Row<T>], columns: &mut [[T; N]], out: &mut [T]) {
         let Self { x, u, v, sign, end } = self;
         let (n, zero) = (columns.len(), [T::zero(); N]);
         let (mut p, mut difference, mut parity) = ([T::one(); N], zero, [dc; N]);
         let (mut cos, mut sin) = ([dc * convert::<f64, T>(2f64.sqrt()); N], zero);
         columns[0] = [dc; N];
+        // Fewer directions than lanes are left at the end only.
+        let tiles = TILES && out.len() == N * n;
         let mut written = 0;
         for (l, row) in (1..).zip(rows) {
-            let centre = l * (l + 1);
             difference = lanes(|i| row.keep * difference[i] - row.turn * end[i] * p[i]);
             p = lanes(|i| p[i] + difference[i]);
             parity = lanes(|i| parity[i] * sign[i]);
-            columns[centre] = lanes(|i| parity[i] * row.norm * p[i]);
-            for (m, &(first, second)) in (1..l).zip(&row.climb) {
-                let (last, before) = (centre - 2 * l, centre + 2 - 4 * l);
-                let (sin1, cos1) = (columns[last - m], columns[last + m]);
-                let (sin2, cos2) = if m < l - 1 { (columns[before - m], columns[before + m]) } else { (zero, zero) };
-                let slope: [T; N] = lanes(|i| first * x[i]);
-                columns[centre - m] = lanes(|i| slope[i] * sin1[i] - second * sin2[i]);
-                columns[centre + m] = lanes(|i| slope[i] * cos1[i] - second * cos2[i]);
-            }
+            let zonal = lanes(|i| parity[i] * row.norm * p[i]);
             (cos, sin) = (
                 lanes(|i| row.step * (cos[i] * u[i] - sin[i] * v[i])),
                 lanes(|i| row.step * (sin[i] * u[i] + cos[i] * v[i])),
             );
-            columns[centre - l] = sin;
-            columns[centre + l] = cos;
-            let whole_bands = (centre + l + 1) / BAND * BAND;
-            if n > WHOLE && whole_bands > written {
-                write(columns, written..whole_bands, out);
-                written = whole_bands;
+            let (above, new) = columns.split_at_mut(l * l);
+            let (above, last) = above.split_at((l - 1) * (l - 1));
+            if l > 1 {
+                new[1] = lanes(|i| row.second * x[i] * last[0][i]);
+                new[2 * l - 1] = lanes(|i| row.second * x[i] * last[2 * l - 2][i]);
+                let before = &above[(l - 2) * (l - 2)..];
+                for (((new, last), before), &(first, second)) in
+                    new[2..].iter_mut().zip(&last[1..]).zip(before).zip(&row.climb)
+                {
+                    *new = lanes(|i| first * x[i] * last[i] - second * before[i]);
+                }
+            }
+            new[0] = sin;
+            new[l] = zonal;
+            new[2 * l] = cos;
+            let ready = (l + 1) * (l + 1) / BAND * BAND;
+            if tiles && ready > written {
+                write_tiles(simd, columns, written..ready, out);
+                written = ready;
             }
         }
-        write(columns, written..n, out);
+        write_rows(columns, written..n, out);
     }
 }
 
-/// Some columns of lanes to rows of functions, for as many lanes as `out` has rows.
+/// Some columns of lanes to rows of functions, for as many lanes as `out` has rows: one row after the other.
 #[inline(always)]
-fn write<T: Copy, const N: usize>(columns: &[[T; N]], range: std::ops::Range<usize>, out: &mut [T]) {
+fn write_rows<T: Lane, const N: usize>(columns: &[[T; N]], range: Range<usize>, out: &mut [T]) {
     let (tiles, rest) = columns[range.clone()].as_chunks::<8>();
     for (lane, row) in out.chunks_exact_mut(columns.len()).enumerate() {
         let (row_tiles, row_rest) = row[range.clone()].as_chunks_mut::<8>();
@@ -232,6 +272,20 @@ fn write<T: Copy, const N: usize>(columns: &[[T; N]], range: std::ops::Range<usi
         }
         for (row, column) in row_rest.iter_mut().zip(rest) {
             *row = column[lane];
+        }
+    }
+}
+
+/// The same in tiles of 4 by 4, turned in registers; `columns` are a multiple of 4, as `out` has of rows.
+#[inline(always)]
+fn write_tiles<T: Lane, S: Simd, const N: usize>(simd: S, columns: &[[T; N]], range: Range<usize>, out: &mut [T]) {
+    let n = columns.len();
+    for (four, rows) in out.chunks_exact_mut(4 * n).enumerate() {
+        for k in range.clone().step_by(4) {
+            let tile = std::array::from_fn(|i| std::array::from_fn(|lane| columns[k + i][4 * four + lane]));
+            for (row, tile) in T::transposed(simd, tile).iter().enumerate() {
+                rows[row * n + k..][..4].copy_from_slice(tile);
+            }
         }
     }
 }
@@ -301,7 +355,7 @@ mod tests {
         let wide: Vec<Direction<Sample>> =
             narrow.iter().map(|v| Direction::new_unchecked(v.map(f64::from).into())).collect();
         let (mut got, mut want) = (vec![0.0f32; n * narrow.len()], vec![0.0; n * narrow.len()]);
-        Arch::new().dispatch(Batch::<_, _, LANES_F32> { basis: &basis, directions: &narrow[..], out: &mut got });
+        Arch::new().dispatch(Batch::<_, _, 8, false> { basis: &basis, directions: &narrow[..], out: &mut got });
         basis.eval_many_into(&wide, &mut want);
         let (mut most, mut error) = (vec![0.0f64; n], vec![0.0f64; n]);
         for (got, want) in got.chunks_exact(n).zip(want.chunks_exact(n)) {
