@@ -9,32 +9,30 @@ mod speed;
 
 use std::hint::black_box;
 
-use speed::{ORDERS, POINTS, Peer, against, time};
+use speed::{ORDERS, POINTS, Peer, against, rounds, time};
 use zonal::basis::Harmonics;
 
-const ROUNDS: usize = 20;
-
-fn least(mut call: impl FnMut()) -> f64 {
-    (0..ROUNDS).map(|_| time(&mut call)).fold(f64::INFINITY, f64::min)
+fn least(order: usize, mut call: impl FnMut()) -> f64 {
+    (0..rounds(order)).map(|_| time(&mut call)).fold(f64::INFINITY, f64::min)
 }
 
 fn main() {
     let mut peer = Peer::start();
-    println!("ns per point, least of {ROUNDS}; f64 on one core unless said otherwise");
+    println!("ns per point, the least of 15 calls and more; f64 on one core unless said otherwise");
     println!(
         "{:>5} {:>8} {:>10} {:>6} {:>8} {:>8} {:>9}",
         "order", "ours", "sphericart", "ratio", "fill", "f32", "all cores"
     );
     for order in ORDERS {
-        let ([ours, theirs], mut out) = against(&mut peer, order, ROUNDS);
+        let ([ours, theirs], mut out) = against(&mut peer, order);
         let sh = Harmonics::spherical(order).unwrap();
-        let fill = least(|| black_box(&mut out).fill(black_box(2.0)));
-        let all = least(|| sh.par_eval_many_into(&peer.directions, black_box(&mut out)));
+        let fill = least(order, || black_box(&mut out).fill(black_box(2.0)));
+        let all = least(order, || sh.par_eval_many_into(&peer.directions, black_box(&mut out)));
         drop(out);
         let narrow: Vec<[f32; 3]> = peer.directions.iter().map(|d| d.vector().map(|c| c as f32).into()).collect();
         let mut out = vec![1.0f32; POINTS * sh.len()];
         let f32 = match sh.eval_many_f32_into(&narrow, &mut out) {
-            Ok(()) => format!("{:.1}", least(|| sh.eval_many_f32_into(&narrow, black_box(&mut out)).unwrap())),
+            Ok(()) => format!("{:.1}", least(order, || sh.eval_many_f32_into(&narrow, black_box(&mut out)).unwrap())),
             Err(_) => "refused".into(),
         };
         let ratio = ours / theirs;

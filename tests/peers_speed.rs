@@ -6,10 +6,9 @@ mod speed;
 /// One core, the same layout, arrays that exist and are touched before.
 #[test]
 fn batches_are_no_slower_than_sphericart() {
-    const ROUNDS: usize = 15;
     let mut peer = speed::Peer::start();
     for order in speed::ORDERS {
-        let ([ours, theirs], _) = speed::against(&mut peer, order, ROUNDS);
+        let ([ours, theirs], _) = speed::against(&mut peer, order);
         let ratio = ours / theirs;
         println!("order {order}: {ratio:.2} of sphericart's time");
         assert!(ratio <= 1.0, "order {order}: {ratio:.2} of sphericart's time");

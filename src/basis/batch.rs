@@ -10,11 +10,11 @@ use thiserror::Error;
 use super::Harmonics;
 use crate::geometry::{Direction, Sample};
 
-/// Rows of up to this many functions take 8 directions side by side, longer ones 4, whose columns fit in the nearest cache
-/// beside what is written. Measured, as all that is chosen here: `benches/evaluation.rs`.
+/// Rows of up to this many functions are computed for 8 directions side by side; those of up to [`WHOLE`] for 4, whose
+/// columns leave room in the nearest cache. Measured, as all that is chosen here: `benches/evaluation.rs`.
 const SHORT: usize = 64;
-/// Rows of up to this many functions are written one after the other, in the order the memory's prefetcher follows. Longer
-/// ones give it time in any order and are written in tiles.
+/// Rows of up to this many functions are written one after the other, in the order the memory's prefetcher follows; longer
+/// ones for 8 directions at once, in tiles.
 const WHOLE: usize = 128;
 /// Functions between two such writes, whose columns are still in the nearest cache.
 const BAND: usize = 16;
@@ -41,10 +41,13 @@ impl Harmonics {
     /// If `out` is not `directions.len() * len()` long.
     pub fn eval_many_into(&self, directions: &[Direction<Sample>], out: &mut [f64]) {
         assert_eq!(out.len(), directions.len() * self.len(), "one row of functions for each direction");
-        match self.len() {
-            ..=SHORT => Arch::new().dispatch(Batch::<_, _, 8, false> { basis: self, directions, out }),
-            ..=WHOLE => Arch::new().dispatch(Batch::<_, _, 4, false> { basis: self, directions, out }),
-            _ => Arch::new().dispatch(Batch::<_, _, 8, true> { basis: self, directions, out }),
+        let arch = Arch::new();
+        if self.len() <= SHORT {
+            arch.dispatch(Batch::<_, _, 8, false> { basis: self, directions, out });
+        } else if self.len() <= WHOLE {
+            arch.dispatch(Batch::<_, _, 4, false> { basis: self, directions, out });
+        } else {
+            arch.dispatch(Batch::<_, _, 8, true> { basis: self, directions, out });
         }
     }
 
@@ -202,13 +205,15 @@ impl<T: Lane, const N: usize> Block<T, N> {
         let scale = 1.0 / (a - b);
         // The last block repeats its first direction.
         let at: [[f64; 3]; N] = std::array::from_fn(|i| directions.get(i).unwrap_or(&directions[0]).components());
-        let x: [f64; N] = lanes(|i| ((at[i][2] - a) + (at[i][2] - b)) * scale);
+        let x: [f64; N] = lanes(|i| ((at[i][2] - a) + (at[i][2] - b)) / (a - b));
         let root: [f64; N] = lanes(|i| 2.0 * ((at[i][2] - a) * (at[i][2] - b)).abs().sqrt() * scale);
         let r: [f64; N] = lanes(|i| (at[i][0] * at[i][0] + at[i][1] * at[i][1]).sqrt());
+        let per_r: [f64; N] = lanes(|i| if r[i] > 0.0 { root[i] / r[i] } else { 0.0 });
         let end = |i: usize| if x[i] < 0.0 { 2.0 * (at[i][2] - b) * scale } else { -2.0 * (at[i][2] - a) * scale };
         Self {
-            u: lanes(|i| convert(root[i] * if r[i] > 0.0 { at[i][0] / r[i] } else { 1.0 })),
-            v: lanes(|i| convert(root[i] * if r[i] > 0.0 { at[i][1] / r[i] } else { 0.0 })),
+            // On the axis the azimuth is 0.
+            u: lanes(|i| convert(if r[i] > 0.0 { at[i][0] * per_r[i] } else { root[i] })),
+            v: lanes(|i| convert(at[i][1] * per_r[i])),
             sign: lanes(|i| convert(if x[i] < 0.0 { -1.0 } else { 1.0 })),
             end: lanes(|i| convert(end(i))),
             x: lanes(|i| convert(x[i])),
@@ -300,9 +305,9 @@ mod tests {
         // The same recurrences in another order of operations, relative to values of about sqrt(order).
         const SAME: f64 = 1e-13;
         for zone in [Zone::sphere(), Zone::from_degrees(9.0, 57.0).unwrap()] {
-            for order in [0, 1, 2, 6, 13, 50] {
+            for order in [0, 1, 2, 3, 6, 7, 10, 13, 50] {
                 let basis = Harmonics::zonal(zone, order).unwrap();
-                for count in [0, 1, 7, 8, 21] {
+                for count in [0, 1, 4, 7, 8, 21] {
                     let directions: Vec<Direction<Sample>> = (0..count)
                         .map(|i| {
                             let mu = zone.cos_max() + (zone.cos_min() - zone.cos_max()) * f64::from(i) / 20.0;

@@ -9,7 +9,7 @@ use std::time::Instant;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde_json::json;
-use zonal::basis::Harmonics;
+use zonal::basis::{Harmonics, MAX_ORDER, size};
 use zonal::geometry::{Direction, Sample};
 
 pub const ORDERS: [usize; 4] = [6, 10, 20, 50];
@@ -88,12 +88,17 @@ pub fn time(call: impl FnOnce()) -> f64 {
     start.elapsed().as_secs_f64() * 1e9 / POINTS as f64
 }
 
+/// Calls of one order: more of the short ones, which a busy machine disturbs most.
+pub fn rounds(order: usize) -> usize {
+    (15 * size(MAX_ORDER) / size(order)).min(200)
+}
+
 /// The least nanoseconds per point of us and of the peer over some rounds in turn, and our array.
-pub fn against(peer: &mut Peer, order: usize, rounds: usize) -> ([f64; 2], Vec<f64>) {
+pub fn against(peer: &mut Peer, order: usize) -> ([f64; 2], Vec<f64>) {
     let sh = Harmonics::spherical(order).unwrap();
     let mut out = vec![1.0; POINTS * sh.len()];
     let mut least = [f64::INFINITY; 2];
-    for _ in 0..rounds {
+    for _ in 0..rounds(order) {
         least[0] = least[0].min(time(|| sh.eval_many_into(&peer.directions, black_box(&mut out))));
         least[1] = least[1].min(peer.time(order));
     }
