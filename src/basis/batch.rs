@@ -22,7 +22,8 @@ const BAND: usize = 16;
 const SHARE: usize = 1024;
 /// What f32 must hold: error relative to a function's maximum over its zone, against f64 in the same f32 directions.
 pub const F32_ERROR: f64 = 1e-5;
-/// Largest order at which f32 holds [`F32_ERROR`].
+/// Largest order at which f32 holds [`F32_ERROR`]: there errors reach 6e-6 on the sphere and on zones wide and narrow alike,
+/// since x' itself comes from f64; at order 30 they reach 1.2e-5.
 pub const F32_MAX_ORDER: usize = 20;
 
 /// An order too high for f32.
@@ -377,10 +378,9 @@ mod tests {
     fn f32_holds_its_promise_up_to_its_largest_order() {
         let zones = [[0.0, 180.0], [9.0, 57.0], [9.0, 90.0], [0.0, 90.0], [40.0, 41.0], [100.0, 170.0], [0.0, 2.0]];
         for [from, to] in zones {
-            for order in [1, 2, 6, 10, 20, 30, 40, 50] {
+            for order in [1, 2, 6, 10, F32_MAX_ORDER] {
                 let error = f32_error(Zone::from_degrees(from, to).unwrap(), order);
-                println!("{from}..{to} deg, order {order}: {error:.1e}");
-                assert!(order > F32_MAX_ORDER || error < F32_ERROR, "{from}..{to} deg, order {order}: {error:e}");
+                assert!(error < F32_ERROR, "{from}..{to} deg, order {order}: {error:e}");
             }
         }
     }
