@@ -10,7 +10,8 @@ mod common;
 use std::time::Instant;
 
 use zonal::basis::{Method, Rule};
-use zonal::convert::{PriorTable, linear, population, prior, tuned};
+use zonal::convert::{PriorTable, by_population, linear, population, tuned};
+use zonal::fit::Observations;
 use zonal::geometry::{ExitantGrid, Zone};
 use zonal::reflectance::open;
 
@@ -49,6 +50,8 @@ fn main() {
     let table = PriorTable::built_in();
     let thetas: Vec<f64> = (0..grid.rings()).map(|r| grid.theta(r)).collect();
     let map = fastest(|| drop(population(&table, zone, order, &thetas)));
-    let whole = fastest(|| drop(prior(&measured, &table)));
-    println!("{:>10} {map:>14.1} {:>14.1} {:>10.2}", "prior", whole - map, (whole - map) / parity);
+    let population = population(&table, zone, order, &thetas).unwrap();
+    let folded = Observations::folded(&measured);
+    let apply = fastest(|| drop(by_population(&measured, &folded, &population, &table)));
+    println!("{:>10} {map:>14.1} {apply:>14.1} {:>10.2}", "prior", apply / parity);
 }

@@ -19,6 +19,7 @@ mod rotation;
 mod tensor;
 mod weighted;
 
+pub use batch::{F32_ERROR, F32_MAX_ORDER, PrecisionError};
 pub use conversion::{Block, Conversion, ConversionError, Estimate, gram_condition};
 pub use evidence::{Evidence, HARMLESS_GAIN, Rule};
 pub use family::Family;

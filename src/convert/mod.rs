@@ -18,7 +18,9 @@ pub use population::{members, population, ring};
 pub use table::{PRIOR_VERSION, PriorTable, PriorTableError};
 pub use trial::{Spectra, Trial, ring_mean};
 
-use crate::basis::{Block, Conversion, ConversionError, Evidence, Family, Method, RingMap, RingMean, Rule, Strength};
+use crate::basis::{
+    Block, Conversion, ConversionError, Evidence, Family, Method, Population, RingMap, RingMean, Rule, Strength,
+};
 use crate::fit::{ANISOTROPIC, Observations};
 use crate::reduce::Coefficients;
 use planes::{add_product, finish};
@@ -122,10 +124,24 @@ pub fn prior(coefficients: &Coefficients, table: &PriorTable) -> Result<(Convert
     }
     let thetas: Vec<f64> = folded.stations.iter().map(|s| grid.theta(s.ring)).collect();
     let population = population(table, grid.zone(), coefficients.order, &thetas)?;
+    by_population(coefficients, &folded, &population, table)
+}
+
+/// The same with a population that has been integrated for the stations of `folded`, the measurement averaged over rings.
+///
+/// # Errors
+/// As [`prior`].
+pub fn by_population(
+    coefficients: &Coefficients,
+    folded: &Observations,
+    population: &Population,
+    table: &PriorTable,
+) -> Result<(Converted, PriorFindings), ConvertError> {
+    let grid = coefficients.grid;
     let learned = table.learned();
     let maps = (0..3)
         .into_par_iter()
-        .map(|channel| population.maps(&ring_means(coefficients, &folded, channel), &learned))
+        .map(|channel| population.maps(&ring_means(coefficients, folded, channel), &learned))
         .collect::<Result<Vec<_>, _>>()?;
     let mut converted = Converted::empty(coefficients, "prior", Family::Odd, table.sh_order);
     converted.values.fill(f32::NAN);
@@ -157,7 +173,7 @@ pub fn prior(coefficients: &Coefficients, table: &PriorTable) -> Result<(Convert
             finish(&mut rows, &block.data_share);
         }
     });
-    let findings = findings(&maps, &population);
+    let findings = findings(&maps, population);
     for k in 0..crate::basis::size(table.sh_order) {
         if !is_odd(k) {
             let planes = k * 3 * grid.len()..(k + 1) * 3 * grid.len();
@@ -189,7 +205,7 @@ fn ring_means(coefficients: &Coefficients, folded: &Observations, channel: usize
     folded.stations.iter().map(of).collect()
 }
 
-fn findings(maps: &[Vec<RingMap>], population: &crate::basis::Population) -> PriorFindings {
+fn findings(maps: &[Vec<RingMap>], population: &Population) -> PriorFindings {
     let all: Vec<&RingMap> = maps.iter().flatten().collect();
     let mean = |f: &dyn Fn(&RingMap) -> f64| all.iter().map(|m| f(m)).sum::<f64>() / all.len() as f64;
     let gains: Vec<_> = all.iter().map(|m| m.noise_gains(population)).collect();
