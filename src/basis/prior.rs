@@ -27,7 +27,7 @@ pub struct Learned {
 }
 
 /// Share of the weight that all members have alike, so that none is ever without.
-const EVERYONE: f64 = 2e-3;
+const EVERYONE: f64 = 2e-4;
 /// A Slepian function follows the data if it has at least this share of its energy in the zone.
 const CONCENTRATED: f64 = 0.5;
 
