@@ -3,11 +3,23 @@
 use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rayon::prelude::*;
+use thiserror::Error;
 
-use super::{PRIOR_VERSION, PriorTable, Trial, members, population, ring_mean};
+use super::{PRIOR_VERSION, PriorTable, PriorTableError, Trial, members, population, ring_mean};
 use crate::basis::{ConversionError, Family, Learned, RingMean};
 use crate::geometry::Zone;
 use crate::reflectance::{Brdf, EXITANT_DEG, abc_materials};
+
+/// Why nothing was learned.
+#[derive(Debug, Error)]
+pub enum LearningError {
+    /// The algebra refused.
+    #[error(transparent)]
+    Conversion(#[from] ConversionError),
+    /// There is nothing to learn from, or a given value is out of range.
+    #[error(transparent)]
+    Table(#[from] PriorTableError),
+}
 
 /// Zonal orders that count alike.
 const ORDERS: [usize; 3] = [2, 4, 8];
@@ -28,8 +40,8 @@ pub fn half_of_the_materials() -> Vec<String> {
 /// `widening` is given, not learned: closed forms predict one another better than they predict measurements.
 ///
 /// # Errors
-/// [`ConversionError`].
-pub fn learn(zone: Zone, materials: Vec<String>, widening: f64, seed: u64) -> Result<PriorTable, ConversionError> {
+/// [`LearningError`].
+pub fn learn(zone: Zone, materials: Vec<String>, widening: f64, seed: u64) -> Result<PriorTable, LearningError> {
     let mut table = PriorTable {
         version: PRIOR_VERSION,
         sh_order: 16,
@@ -40,13 +52,14 @@ pub fn learn(zone: Zone, materials: Vec<String>, widening: f64, seed: u64) -> Re
         fidelity: 1e-4,
         widening,
         materials,
-    };
+    }
+    .check()?;
     let members = members(&table);
     let brdfs: Vec<&dyn Brdf> = members.iter().map(|m| m.1).collect();
     let thetas = EXITANT_DEG.map(f64::to_radians);
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
     let trial = Trial::new(zone, ORDERS[ORDERS.len() - 1], &brdfs)?;
-    let functions = Family::Odd.harmonics(table.sh_order)?;
+    let functions = Family::Odd.harmonics(table.sh_order).map_err(ConversionError::from)?;
     let mut scores = vec![0.0; MISFITS.len() * NEIGHBOURS.len()];
     for order in ORDERS {
         let everyone = population(&table, zone, order, &thetas)?;

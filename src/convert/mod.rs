@@ -12,7 +12,7 @@ mod trial;
 use rayon::prelude::*;
 use thiserror::Error;
 
-pub use learn::{half_of_the_materials, learn};
+pub use learn::{LearningError, half_of_the_materials, learn};
 pub use planes::Converted;
 pub use population::{members, population, ring};
 pub use table::{PRIOR_VERSION, PriorTable, PriorTableError};

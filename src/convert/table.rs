@@ -71,7 +71,15 @@ impl PriorTable {
     /// # Errors
     /// [`PriorTableError`].
     pub fn from_toml(text: &str) -> Result<Self, PriorTableError> {
-        let table: Self = toml::from_str(text)?;
+        toml::from_str::<Self>(text)?.check()
+    }
+
+    /// The table itself, if its values are in range.
+    ///
+    /// # Errors
+    /// [`PriorTableError::Value`].
+    pub fn check(self) -> Result<Self, PriorTableError> {
+        let table = self;
         let wrong = |key, value: &dyn std::fmt::Display, expected| {
             Err(PriorTableError::Value { key, value: value.to_string(), expected })
         };
