@@ -5,8 +5,9 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use rayon::prelude::*;
 use thiserror::Error;
 
-use super::{PRIOR_VERSION, PriorTable, PriorTableError, Trial, members, population, ring_mean};
-use crate::basis::{ConversionError, Family, Learned, RingMean};
+use super::trial::by_rings;
+use super::{PRIOR_VERSION, PriorTable, PriorTableError, Trial, members, population};
+use crate::basis::{ConversionError, Family, Learned};
 use crate::geometry::Zone;
 use crate::reflectance::{Brdf, EXITANT_DEG, abc_materials};
 
@@ -68,15 +69,7 @@ pub fn learn(zone: Zone, materials: Vec<String>, widening: f64, seed: u64) -> Re
             let estimates = members
                 .par_iter()
                 .enumerate()
-                .map(|(i, (member, _))| {
-                    let others = everyone.without(member.material);
-                    let rings: Vec<RingMean> = spectra.iter().map(|s| ring_mean(&others, &s[i].0, &s[i].1)).collect();
-                    let maps = others.maps(&rings, &learned)?;
-                    let one = |(map, s): (&crate::basis::RingMap, &Vec<(Vec<f64>, Vec<f64>)>)| {
-                        Ok(map.estimate(&s[i].0, &s[i].1, 0.0)?.y)
-                    };
-                    maps.iter().zip(&spectra).map(one).collect()
-                })
+                .map(|(i, (member, _))| by_rings(&everyone.without(member.material), &learned, &spectra, i))
                 .collect::<Result<Vec<Vec<Vec<f64>>>, ConversionError>>()?;
             let mut errors: Vec<f64> = trial.judge(&functions, &estimates).iter().map(|e| e.outside).collect();
             errors.sort_by(f64::total_cmp);

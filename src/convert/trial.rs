@@ -123,17 +123,10 @@ impl Trial {
         learned: &Learned,
         spectra: &Spectra,
     ) -> Result<Vec<ZoneErrors>, ConversionError> {
-        let estimates: Vec<Vec<Vec<f64>>> = (0..self.materials)
+        let estimates = (0..self.materials)
             .into_par_iter()
-            .map(|i| {
-                let rings: Vec<RingMean> = spectra.iter().map(|s| ring_mean(population, &s[i].0, &s[i].1)).collect();
-                let maps = population.maps(&rings, learned)?;
-                let one = |(map, s): (&crate::basis::RingMap, &Vec<(Vec<f64>, Vec<f64>)>)| {
-                    Ok(map.estimate(&s[i].0, &s[i].1, 0.0)?.y)
-                };
-                maps.iter().zip(spectra).map(one).collect()
-            })
-            .collect::<Result<_, ConversionError>>()?;
+            .map(|i| by_rings(population, learned, spectra, i))
+            .collect::<Result<Vec<_>, _>>()?;
         Ok(self.judge(&Family::Odd.harmonics(population.sh_order())?, &estimates))
     }
 
@@ -214,6 +207,18 @@ impl Trial {
         }
         errors
     }
+}
+
+/// Coefficients that the prior gives material `i` towards each exitant direction, `[exitant][k]`.
+pub(super) fn by_rings(
+    population: &Population,
+    learned: &Learned,
+    spectra: &Spectra,
+    i: usize,
+) -> Result<Vec<Vec<f64>>, ConversionError> {
+    let rings: Vec<RingMean> = spectra.iter().map(|s| ring_mean(population, &s[i].0, &s[i].1)).collect();
+    let maps = population.maps(&rings, learned)?;
+    maps.iter().zip(spectra).map(|(map, s)| Ok(map.estimate(&s[i].0, &s[i].1, 0.0)?.y)).collect()
 }
 
 /// One spectrum at phi_o = 0 as the mean of its ring.
