@@ -28,7 +28,7 @@ pub enum ConversionError {
     /// Some functions cannot be told apart in the zone.
     #[error(
         "method `{method}` at order {order}: of the {functions} functions of m = {m} only {rank} can be told apart from {theta_min_deg} to \
-         {theta_max_deg} deg in double precision; lower the order or use `--method truncated` or `parity`"
+         {theta_max_deg} deg in double precision; use a lower `--order`, or `--method prior` or `truncated`"
     )]
     RankDeficient {
         /// The method.
@@ -111,6 +111,7 @@ pub struct Conversion {
     pub method: Method,
     /// How strongly it holds back.
     pub strength: Strength,
+    zone: Zone,
     /// Zonal order L.
     pub order: usize,
     /// Order of the resulting functions.
@@ -167,15 +168,24 @@ impl Conversion {
                         m: f.m,
                         functions: f.degrees.len(),
                         rank,
-                        theta_min_deg: zone.theta_min().to_degrees(),
-                        theta_max_deg: zone.theta_max().to_degrees(),
+                        theta_min_deg: rounded_degrees(zone.theta_min()),
+                        theta_max_deg: rounded_degrees(zone.theta_max()),
                     });
                 }
             }
         }
         let condition = blocks.iter().map(|b| b.condition).fold(1.0, f64::max);
-        let mut conversion =
-            Self { method, strength, order, sh_order, blocks, condition, noise_gain_in: 0.0, noise_gain_out: 0.0 };
+        let mut conversion = Self {
+            method,
+            strength,
+            zone,
+            order,
+            sh_order,
+            blocks,
+            condition,
+            noise_gain_in: 0.0,
+            noise_gain_out: 0.0,
+        };
         let own = (size(order) as f64 / zone.solid_angle()).sqrt();
         let (inside, outside) = conversion.noise_power(&zone, &family.harmonics(sh_order)?);
         let rest = Zone::hemisphere().solid_angle() - zone.solid_angle();
@@ -194,20 +204,25 @@ impl Conversion {
     /// # Errors
     /// [`ConversionError::Unstable`] if noise_gain_out * noise_rel > 1.
     pub fn check(&self, noise_rel: f64) -> Result<(), ConversionError> {
-        // A NaN must be refused as well.
-        if self.noise_gain_out * noise_rel <= 1.0 {
+        if self.holds(noise_rel) {
             return Ok(());
         }
+        let parity = || Self::new(Method::Parity, self.zone, self.order).is_ok_and(|c| c.holds(noise_rel));
         Err(ConversionError::Unstable {
             method: self.method.name(),
             order: self.order,
             noise_gain_out: self.noise_gain_out,
             noise_rel,
             remedy: match self.method {
-                Method::Thesis | Method::Hsh => "use `--method parity` or `prior`",
+                Method::Thesis | Method::Hsh if parity() => "use `--method parity` or `--method prior`",
                 _ => "use a lower `--order` or `--method prior`",
             },
         })
+    }
+
+    /// Whether noise outside the zone stays below the signal; a NaN does not.
+    fn holds(&self, noise_rel: f64) -> bool {
+        self.noise_gain_out * noise_rel <= 1.0
     }
 
     /// Values, standard errors and shares of data of the function with zonal coefficients `z` and independent variances
@@ -268,11 +283,9 @@ impl Conversion {
         let mut power = (0.0, 0.0);
         for block in &self.blocks {
             let copies = if block.m == 0 { 1.0 } else { 2.0 };
-            let covariance = &block.matrix * block.matrix.transpose();
-            let trace = |zone: &Zone| {
-                let factor = polar_factor(functions, block.m, &block.degrees, zone);
-                (factor.transpose() * &factor).component_mul(&covariance).sum()
-            };
+            // As a square: the trace of Gram matrix times covariance cancels, and can come out negative.
+            let trace =
+                |zone: &Zone| (polar_factor(functions, block.m, &block.degrees, zone) * &block.matrix).norm_squared();
             power.0 += copies * trace(zone);
             if zone.theta_min() > 0.0 {
                 power.1 += copies * trace(&Zone::new(0.0, zone.theta_min()).expect("below the zone"));
@@ -319,6 +332,11 @@ fn block(factor: &Factor, family: Family, strength: Strength) -> Block {
     let matrix = DMatrix::from_diagonal(&factor.inverse_weights) * &factor.v * filtered;
     let data_share = (&matrix * factor.forward()).diagonal().iter().copied().collect();
     Block { m: factor.m, degrees: factor.degrees.clone(), matrix, condition: factor.condition, data_share }
+}
+
+/// To a billionth, for people.
+fn rounded_degrees(theta: f64) -> f64 {
+    (theta.to_degrees() * 1e9).round() / 1e9
 }
 
 fn numerical_rank(factor: &Factor) -> usize {
