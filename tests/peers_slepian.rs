@@ -58,6 +58,9 @@ fn what_order_ten_takes() {
             start.elapsed().as_secs_f64()
         };
         let best = (0..20).map(|_| once()).fold(f64::INFINITY, f64::min);
-        println!("Slepian functions of {name} at L = 10: {:.2} ms (pyshtools by a mask: 1.0 s, error 6e-3)", 1e3 * best);
+        println!(
+            "Slepian functions of {name} at L = 10: {:.2} ms (pyshtools by a mask: 1.0 s, error 6e-3)",
+            1e3 * best
+        );
     }
 }
