@@ -61,37 +61,82 @@ fn all_parts(basis: &Harmonics, mu: f64) -> Vec<Vec<f64>> {
         .collect()
 }
 
+/// Each function's maximum over the zone, from a grid fine enough for 50 half waves, and both ends.
+fn largest(basis: &Harmonics) -> Vec<Vec<f64>> {
+    let zone = basis.zone();
+    let mut largest = all_parts(basis, zone.cos_min());
+    let grid = zone_mu_angular(1000, &zone).into_iter().map(|(mu, _)| all_parts(basis, mu));
+    for parts in grid.chain([all_parts(basis, zone.cos_max())]) {
+        for (most, value) in largest.iter_mut().flatten().zip(parts.iter().flatten()) {
+            *most = most.abs().max(value.abs());
+        }
+    }
+    largest
+}
+
+/// Cosines of polar angles inside the zone and its ends, and others just within the ends.
+fn cosines(zone: Zone, rng: &mut Xoshiro256PlusPlus) -> [(&'static str, Vec<f64>); 2] {
+    let (a, b) = (zone.cos_min(), zone.cos_max());
+    let mut inside = vec![a, b, (a + b) / 2.0];
+    inside.extend((0..7).map(|_| rng.random_range(b..a)));
+    let mut ends = vec![a.next_down(), b.next_up()];
+    for _ in 0..7 {
+        let near = 10f64.powf(rng.random_range(-16.0..-2.0));
+        ends.extend([a - near, b + near]);
+    }
+    [("inside", inside), ("near the ends", ends)]
+}
+
+fn zones_and_sphere() -> [(&'static str, Zone); 3] {
+    let [built, full] = zones();
+    [built, full, ("0..180", Zone::sphere())]
+}
+
 #[test]
 fn zonal_functions_keep_thirteen_digits_up_to_the_largest_order() {
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(50);
     let mut cases = Vec::new();
-    for (name, zone) in zones() {
+    for (name, zone) in zones_and_sphere() {
         let basis = Harmonics::zonal(zone, MAX_ORDER).unwrap();
-        let (a, b) = (zone.cos_min(), zone.cos_max());
-        let mut inside = vec![a, b, (a + b) / 2.0];
-        inside.extend((0..7).map(|_| rng.random_range(b..a)));
-        let mut ends = vec![a.next_down(), b.next_up()];
-        for _ in 0..7 {
-            let near = 10f64.powf(rng.random_range(-16.0..-2.0));
-            ends.extend([a - near, b + near]);
-        }
-        // Each function's maximum, from a grid fine enough for 50 half waves, and both ends.
-        let mut largest = all_parts(&basis, a);
-        let grid = zone_mu_angular(1000, &zone).into_iter().map(|(mu, _)| all_parts(&basis, mu));
-        for parts in grid.chain([all_parts(&basis, b)]) {
-            for (most, value) in largest.iter_mut().flatten().zip(parts.iter().flatten()) {
-                *most = most.abs().max(value.abs());
-            }
-        }
-        for (place, mu) in [("inside", inside), ("near the ends", ends)] {
+        let largest = largest(&basis);
+        for (place, mu) in cosines(zone, &mut rng) {
             let parts: Vec<_> = mu.iter().map(|&mu| all_parts(&basis, mu)).collect();
             let name = format!("zone {name} {place}");
             cases.push(json!({
-                "name": name, "a": a, "b": b, "mu": mu, "parts": parts, "largest": largest, "tolerance": ZONAL,
+                "name": name, "a": zone.cos_min(), "b": zone.cos_max(), "mu": mu, "parts": parts, "largest": largest,
+                "tolerance": ZONAL,
             }));
         }
     }
     common::ask("peer_zonal.py", &json!(cases));
+}
+
+/// Whole functions of many directions at once, azimuth included, for the same f64 components; each number of functions
+/// takes another way through memory.
+#[test]
+fn batches_keep_thirteen_digits_up_to_the_largest_order() {
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(51);
+    let mut cases = Vec::new();
+    for (name, zone) in zones_and_sphere() {
+        for order in [6, 10, 20, MAX_ORDER] {
+            let basis = Harmonics::zonal(zone, order).unwrap();
+            let largest = largest(&basis);
+            for (place, mu) in cosines(zone, &mut rng) {
+                let azimuths = [0.0, PI].into_iter().chain(std::iter::from_fn(|| Some(rng.random_range(-PI..PI))));
+                let directions: Vec<Direction<Sample>> =
+                    mu.into_iter().zip(azimuths).map(|(mu, phi)| Direction::from_mu_phi(mu, phi)).collect();
+                let mut out = vec![0.0; directions.len() * basis.len()];
+                basis.eval_many_into(&directions, &mut out);
+                let vectors: Vec<[f64; 3]> = directions.iter().map(|d| d.vector().into()).collect();
+                let rows: Vec<&[f64]> = out.chunks_exact(basis.len()).collect();
+                cases.push(json!({
+                    "name": format!("zone {name} {place}, order {order}"), "a": zone.cos_min(), "b": zone.cos_max(),
+                    "vectors": vectors, "rows": rows, "largest": largest, "tolerance": ZONAL,
+                }));
+            }
+        }
+    }
+    common::ask("peer_batch.py", &json!(cases));
 }
 
 /// 2 pi integral P_k Q_j dmu by the library's rule.

@@ -1,14 +1,38 @@
 //! Many directions at once.
 
-use pulp::Arch;
+use std::ops::Range;
+
+use nalgebra::{RealField, convert};
+use pulp::{Arch, Simd, WithSimd, bytemuck::cast};
+use rayon::prelude::*;
+use thiserror::Error;
 
 use super::Harmonics;
 use crate::geometry::{Direction, Sample};
 
-/// Directions that go through the recurrences side by side.
-const LANES: usize = 8;
+/// Rows of up to this many functions are computed for 8 directions side by side; those of up to [`WHOLE`] for 4, whose
+/// columns leave room in the nearest cache. Measured, as all that is chosen here: `benches/evaluation.rs`.
+const SHORT: usize = 64;
+/// Rows of up to this many functions are written one after the other, in the order the memory's prefetcher follows; longer
+/// ones for 8 directions at once, in tiles.
+const WHOLE: usize = 128;
+/// Functions between two such writes, whose columns are still in the nearest cache.
+const BAND: usize = 16;
+/// Directions one core takes at a time.
+const SHARE: usize = 1024;
+/// What f32 must hold: error relative to a function's maximum over its zone, against f64 in the same f32 directions.
+pub const F32_ERROR: f64 = 1e-5;
+/// Largest order at which f32 holds [`F32_ERROR`]: there errors reach 6e-6 on the sphere and on zones wide and narrow alike,
+/// since x' itself comes from f64; at order 30 they reach 1.2e-5.
+pub const F32_MAX_ORDER: usize = 20;
 
-type Lanes = [f64; LANES];
+/// An order too high for f32.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[error(
+    "order {0} is too high for f32, which holds errors of {F32_ERROR:e} up to order {F32_MAX_ORDER}: \
+     call eval_many_into, which computes in f64"
+)]
+pub struct PrecisionError(pub usize);
 
 impl Harmonics {
     /// All functions in each of many directions, into `out`: index `direction * len() + k`. One core; the widest vectors
@@ -18,120 +42,256 @@ impl Harmonics {
     /// If `out` is not `directions.len() * len()` long.
     pub fn eval_many_into(&self, directions: &[Direction<Sample>], out: &mut [f64]) {
         assert_eq!(out.len(), directions.len() * self.len(), "one row of functions for each direction");
-        Arch::new().dispatch(
-            #[inline(always)]
-            || self.blocks(directions, out),
-        );
+        let arch = Arch::new();
+        if self.len() <= SHORT {
+            arch.dispatch(Batch::<_, _, 8, false> { basis: self, directions, out });
+        } else if self.len() <= WHOLE {
+            arch.dispatch(Batch::<_, _, 4, false> { basis: self, directions, out });
+        } else {
+            arch.dispatch(Batch::<_, _, 8, true> { basis: self, directions, out });
+        }
     }
 
+    /// [`Harmonics::eval_many_into`] on all cores: the same bits, whatever their number.
+    ///
+    /// # Panics
+    /// If `out` is not `directions.len() * len()` long.
+    pub fn par_eval_many_into(&self, directions: &[Direction<Sample>], out: &mut [f64]) {
+        assert_eq!(out.len(), directions.len() * self.len(), "one row of functions for each direction");
+        let rows = out.par_chunks_mut(SHARE * self.len());
+        directions.par_chunks(SHARE).zip(rows).for_each(|(directions, rows)| self.eval_many_into(directions, rows));
+    }
+
+    /// All functions in each of many unit vectors [x, y, z] in f32, into `out`: index `direction * len() + k`. One core.
+    ///
+    /// Errors stay below [`F32_ERROR`] of each function's maximum over the zone, for directions inside of it.
+    ///
+    /// # Errors
+    /// [`PrecisionError`] above [`F32_MAX_ORDER`].
+    ///
+    /// # Panics
+    /// If `out` is not `directions.len() * len()` long.
+    pub fn eval_many_f32_into(&self, directions: &[[f32; 3]], out: &mut [f32]) -> Result<(), PrecisionError> {
+        if self.order > F32_MAX_ORDER {
+            return Err(PrecisionError(self.order));
+        }
+        assert_eq!(out.len(), directions.len() * self.len(), "one row of functions for each direction");
+        Arch::new().dispatch(Batch::<_, _, 8, false> { basis: self, directions, out });
+        Ok(())
+    }
+}
+
+/// A number of the recurrences.
+trait Lane: RealField + Copy {
+    /// Rows for columns.
     #[inline(always)]
-    fn blocks(&self, directions: &[Direction<Sample>], out: &mut [f64]) {
-        let n = self.len();
-        let mut columns = vec![[0.0; LANES]; n];
-        for (directions, out) in directions.chunks(LANES).zip(out.chunks_mut(LANES * n)) {
-            // The last block repeats its first direction.
-            let lane = |i: usize| directions.get(i).unwrap_or(&directions[0]).vector();
-            let mut at = Block::default();
-            for i in 0..LANES {
-                let v = lane(i);
-                let r = (v.x * v.x + v.y * v.y).sqrt();
-                let scale = if r > 0.0 { 1.0 / r } else { 0.0 };
-                at.mu[i] = v.z;
-                at.cos[i] = if r > 0.0 { v.x * scale } else { 1.0 };
-                at.sin[i] = v.y * scale;
-            }
-            self.columns(&at, &mut columns);
-            transpose(&columns, n, directions.len(), out);
+    fn transposed<S: Simd>(_: S, tile: [[Self; 4]; 4]) -> [[Self; 4]; 4] {
+        std::array::from_fn(|i| std::array::from_fn(|j| tile[j][i]))
+    }
+}
+
+impl Lane for f32 {}
+
+impl Lane for f64 {
+    /// In registers where four lanes fill one: left to itself the compiler stores one number at a time.
+    #[inline(always)]
+    fn transposed<S: Simd>(simd: S, tile: [[f64; 4]; 4]) -> [[f64; 4]; 4] {
+        if S::F64_LANES == 4 {
+            let registers: [S::f64s; 4] = cast(tile);
+            cast(simd.deinterleave_shfl_f64s(registers))
+        } else {
+            std::array::from_fn(|i| std::array::from_fn(|j| tile[j][i]))
         }
     }
 }
 
+/// A unit vector of any kind.
+trait Components {
+    fn components(&self) -> [f64; 3];
+}
+
+impl Components for Direction<Sample> {
+    #[inline(always)]
+    fn components(&self) -> [f64; 3] {
+        let v = self.vector();
+        [v.x, v.y, v.z]
+    }
+}
+
+impl Components for [f32; 3] {
+    #[inline(always)]
+    fn components(&self) -> [f64; 3] {
+        self.map(f64::from)
+    }
+}
+
+/// One call: functions in `T`, `N` directions at a time, written in tiles or row after row.
+struct Batch<'a, T, D, const N: usize, const TILES: bool> {
+    basis: &'a Harmonics,
+    directions: &'a [D],
+    out: &'a mut [T],
+}
+
+/// What turns row l - 1 of the functions into row l.
+struct Row<T> {
+    /// Factors of the climb by differences of m = 0, and sqrt(2 l + 1).
+    keep: T,
+    turn: T,
+    norm: T,
+    /// From (l-1, l-1) to (l, l).
+    step: T,
+    /// From (l-1, l-1) to (l, l-1): the factor of x'.
+    second: T,
+    /// For |m| < l - 1, from the least m: factors of x' times row l - 1, and of row l - 2. Those of m = 0 are not used.
+    climb: Vec<(T, T)>,
+}
+
 /// Some directions, by component.
-#[derive(Default)]
-struct Block {
-    mu: Lanes,
-    cos: Lanes,
-    sin: Lanes,
+struct Block<T, const N: usize> {
+    /// x' of the zone.
+    x: [T; N],
+    /// s' cos(phi) and s' sin(phi).
+    u: [T; N],
+    v: [T; N],
+    /// Sign of x', and 1 - |x'|.
+    sign: [T; N],
+    end: [T; N],
+}
+
+// A closure is not inlined into the function that has the vector instructions; this is.
+impl<T: Lane, D: Components, const N: usize, const TILES: bool> WithSimd for Batch<'_, T, D, N, TILES> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let (basis, n) = (self.basis, self.basis.len());
+        let rows: Vec<Row<T>> = (1..=basis.order).map(|l| basis.row(l)).collect();
+        let mut columns = vec![[T::zero(); N]; n];
+        for (directions, out) in self.directions.chunks(N).zip(self.out.chunks_mut(N * n)) {
+            let block = Block::new(basis, directions);
+            block.fill::<S, TILES>(simd, convert(basis.dc()), &rows, &mut columns, out);
+        }
+    }
+}
+
+impl Harmonics {
+    fn row<T: Lane>(&self, l: usize) -> Row<T> {
+        let degree = l as f64;
+        let factors = |m: usize| self.steps[m][l - m];
+        Row {
+            keep: convert((degree - 1.0) / degree),
+            turn: convert((2.0 * degree - 1.0) / degree),
+            norm: convert((2.0 * degree + 1.0).sqrt()),
+            step: convert(factors(l).0),
+            second: convert(factors(l - 1).0),
+            climb: (2..2 * l - 1).map(|j| factors(j.abs_diff(l))).map(|(a, b)| (convert(a), convert(b))).collect(),
+        }
+    }
 }
 
 #[inline(always)]
-fn map2(a: &Lanes, b: &Lanes, f: impl Fn(f64, f64) -> f64) -> Lanes {
-    let mut out = [0.0; LANES];
-    for i in 0..LANES {
-        out[i] = f(a[i], b[i]);
+fn lanes<T: Lane, const N: usize>(f: impl Fn(usize) -> T) -> [T; N] {
+    let mut out = [T::zero(); N];
+    for (i, out) in out.iter_mut().enumerate() {
+        *out = f(i);
     }
     out
 }
 
-impl Harmonics {
-    /// The recurrences of [`Harmonics::eval_into`], lane by lane: `columns[k]` holds function k in every lane.
+impl<T: Lane, const N: usize> Block<T, N> {
+    /// Always from f64: at an end of the zone mu - a has digits that are lost once a is rounded to f32.
     #[inline(always)]
-    fn columns(&self, at: &Block, columns: &mut [Lanes]) {
-        let (a, b) = (self.zone.cos_min(), self.zone.cos_max());
+    fn new<D: Components>(basis: &Harmonics, directions: &[D]) -> Self {
+        let (a, b) = (basis.zone.cos_min(), basis.zone.cos_max());
         let scale = 1.0 / (a - b);
-        let (mut x, mut root, mut sign, mut end) = ([0.0; LANES], [0.0; LANES], [0.0; LANES], [0.0; LANES]);
-        for i in 0..LANES {
-            let (to_a, to_b) = (at.mu[i] - a, at.mu[i] - b);
-            x[i] = (to_a + to_b) / (a - b);
-            root[i] = 2.0 * (to_a * to_b).abs().sqrt() * scale;
-            sign[i] = if x[i] < 0.0 { -1.0 } else { 1.0 };
-            end[i] = if x[i] < 0.0 { 2.0 * to_b / (a - b) } else { -2.0 * to_a / (a - b) };
+        // The last block repeats its first direction.
+        let at: [[f64; 3]; N] = std::array::from_fn(|i| directions.get(i).unwrap_or(&directions[0]).components());
+        let x: [f64; N] = lanes(|i| ((at[i][2] - a) + (at[i][2] - b)) / (a - b));
+        let root: [f64; N] = lanes(|i| 2.0 * ((at[i][2] - a) * (at[i][2] - b)).abs().sqrt() * scale);
+        let r: [f64; N] = lanes(|i| (at[i][0] * at[i][0] + at[i][1] * at[i][1]).sqrt());
+        let per_r: [f64; N] = lanes(|i| if r[i] > 0.0 { root[i] / r[i] } else { 0.0 });
+        let end = |i: usize| if x[i] < 0.0 { 2.0 * (at[i][2] - b) * scale } else { -2.0 * (at[i][2] - a) * scale };
+        Self {
+            // On the axis the azimuth is 0.
+            u: lanes(|i| convert(if r[i] > 0.0 { at[i][0] * per_r[i] } else { root[i] })),
+            v: lanes(|i| convert(at[i][1] * per_r[i])),
+            sign: lanes(|i| convert(if x[i] < 0.0 { -1.0 } else { 1.0 })),
+            end: lanes(|i| convert(end(i))),
+            x: lanes(|i| convert(x[i])),
         }
-        let dc = self.dc();
-        let (mut p, mut difference, mut parity) = ([1.0; LANES], [0.0; LANES], [1.0; LANES]);
-        columns[0] = [dc; LANES];
-        for l in 1..=self.order {
-            let l1 = l as f64;
-            let (keep, turn) = ((l1 - 1.0) / l1, (2.0 * l1 - 1.0) / l1);
-            let norm = (2.0 * l1 + 1.0).sqrt() * dc;
-            let column = &mut columns[l * (l + 1)];
-            for i in 0..LANES {
-                difference[i] = keep * difference[i] - turn * end[i] * p[i];
-                p[i] += difference[i];
-                parity[i] *= sign[i];
-                column[i] = parity[i] * norm * p[i];
-            }
-        }
-        let mut diagonal = [dc * 2f64.sqrt(); LANES];
-        let (mut cos, mut sin) = ([1.0; LANES], [0.0; LANES]);
-        for m in 1..=self.order {
-            let steps = &self.steps[m];
-            let step = steps[0].0;
-            for i in 0..LANES {
-                diagonal[i] *= step * root[i];
-                (cos[i], sin[i]) = (cos[i] * at.cos[i] - sin[i] * at.sin[i], sin[i] * at.cos[i] + cos[i] * at.sin[i]);
-            }
-            let (mut before, mut p) = ([0.0; LANES], diagonal);
-            columns[m * (m + 1) + m] = map2(&p, &cos, |p, c| p * c);
-            columns[m * (m + 1) - m] = map2(&p, &sin, |p, s| p * s);
-            for (l, &(first, second)) in (m + 1..).zip(&steps[1..]) {
-                let mut next = [0.0; LANES];
-                for i in 0..LANES {
-                    next[i] = first * x[i] * p[i] - second * before[i];
+    }
+
+    /// The functions row by row, so that those of one row do not wait for each other: `columns[k]` holds function k in
+    /// every lane. Azimuths ride along: row l starts from s'^l cos(l phi) and s'^l sin(l phi).
+    #[inline(always)]
+    fn fill<S: Simd, const TILES: bool>(&self, simd: S, dc: T, rows: &[Row<T>], columns: &mut [[T; N]], out: &mut [T]) {
+        let Self { x, u, v, sign, end } = self;
+        let (n, zero) = (columns.len(), [T::zero(); N]);
+        let (mut p, mut difference, mut parity) = ([T::one(); N], zero, [dc; N]);
+        let (mut cos, mut sin) = ([dc * convert::<f64, T>(2f64.sqrt()); N], zero);
+        columns[0] = [dc; N];
+        // Fewer directions than lanes are left at the end only.
+        let tiles = TILES && out.len() == N * n;
+        let mut written = 0;
+        for (l, row) in (1..).zip(rows) {
+            difference = lanes(|i| row.keep * difference[i] - row.turn * end[i] * p[i]);
+            p = lanes(|i| p[i] + difference[i]);
+            parity = lanes(|i| parity[i] * sign[i]);
+            let zonal = lanes(|i| parity[i] * row.norm * p[i]);
+            (cos, sin) = (
+                lanes(|i| row.step * (cos[i] * u[i] - sin[i] * v[i])),
+                lanes(|i| row.step * (sin[i] * u[i] + cos[i] * v[i])),
+            );
+            let (above, new) = columns.split_at_mut(l * l);
+            let (above, last) = above.split_at((l - 1) * (l - 1));
+            if l > 1 {
+                new[1] = lanes(|i| row.second * x[i] * last[0][i]);
+                new[2 * l - 1] = lanes(|i| row.second * x[i] * last[2 * l - 2][i]);
+                let before = &above[(l - 2) * (l - 2)..];
+                for (((new, last), before), &(first, second)) in
+                    new[2..].iter_mut().zip(&last[1..]).zip(before).zip(&row.climb)
+                {
+                    *new = lanes(|i| first * x[i] * last[i] - second * before[i]);
                 }
-                (before, p) = (p, next);
-                columns[l * (l + 1) + m] = map2(&p, &cos, |p, c| p * c);
-                columns[l * (l + 1) - m] = map2(&p, &sin, |p, s| p * s);
             }
+            new[0] = sin;
+            new[l] = zonal;
+            new[2 * l] = cos;
+            let ready = (l + 1) * (l + 1) / BAND * BAND;
+            if tiles && ready > written {
+                write_tiles(simd, columns, written..ready, out);
+                written = ready;
+            }
+        }
+        write_rows(columns, written..n, out);
+    }
+}
+
+/// Some columns of lanes to rows of functions, for as many lanes as `out` has rows: one row after the other.
+#[inline(always)]
+fn write_rows<T: Lane, const N: usize>(columns: &[[T; N]], range: Range<usize>, out: &mut [T]) {
+    let (tiles, rest) = columns[range.clone()].as_chunks::<8>();
+    for (lane, row) in out.chunks_exact_mut(columns.len()).enumerate() {
+        let (row_tiles, row_rest) = row[range.clone()].as_chunks_mut::<8>();
+        for (row, tile) in row_tiles.iter_mut().zip(tiles) {
+            *row = std::array::from_fn(|k| tile[k][lane]);
+        }
+        for (row, column) in row_rest.iter_mut().zip(rest) {
+            *row = column[lane];
         }
     }
 }
 
-/// Columns of lanes to rows of functions, for the first `directions` lanes.
+/// The same in tiles of 4 by 4, turned in registers; `columns` are a multiple of 4, as `out` has of rows.
 #[inline(always)]
-fn transpose(columns: &[Lanes], n: usize, directions: usize, out: &mut [f64]) {
-    const TILE: usize = 8;
-    let whole = if directions == LANES { n / TILE * TILE } else { 0 };
-    for k in (0..whole).step_by(TILE) {
-        let tile: &[Lanes; TILE] = columns[k..k + TILE].try_into().expect("a whole tile");
-        for lane in 0..LANES {
-            let row: &mut [f64; TILE] = (&mut out[lane * n + k..][..TILE]).try_into().expect("a whole tile");
-            *row = std::array::from_fn(|t| tile[t][lane]);
-        }
-    }
-    for k in whole..n {
-        for lane in 0..directions {
-            out[lane * n + k] = columns[k][lane];
+fn write_tiles<T: Lane, S: Simd, const N: usize>(simd: S, columns: &[[T; N]], range: Range<usize>, out: &mut [T]) {
+    let n = columns.len();
+    for (four, rows) in out.chunks_exact_mut(4 * n).enumerate() {
+        for k in range.clone().step_by(4) {
+            let tile = std::array::from_fn(|i| std::array::from_fn(|lane| columns[k + i][4 * four + lane]));
+            for (row, tile) in T::transposed(simd, tile).iter().enumerate() {
+                rows[row * n + k..][..4].copy_from_slice(tile);
+            }
         }
     }
 }
@@ -146,9 +306,9 @@ mod tests {
         // The same recurrences in another order of operations, relative to values of about sqrt(order).
         const SAME: f64 = 1e-13;
         for zone in [Zone::sphere(), Zone::from_degrees(9.0, 57.0).unwrap()] {
-            for order in [0, 1, 2, 6, 13, 50] {
+            for order in [0, 1, 2, 3, 6, 7, 10, 13, 50] {
                 let basis = Harmonics::zonal(zone, order).unwrap();
-                for count in [0, 1, 7, 8, 21] {
+                for count in [0, 1, 4, 7, 8, 21] {
                     let directions: Vec<Direction<Sample>> = (0..count)
                         .map(|i| {
                             let mu = zone.cos_max() + (zone.cos_min() - zone.cos_max()) * f64::from(i) / 20.0;
@@ -165,5 +325,72 @@ mod tests {
                 }
             }
         }
+    }
+
+    fn spread(count: usize, zone: Zone) -> Vec<Direction<Sample>> {
+        (0..count)
+            .map(|i| {
+                let part = (i as f64 * 0.618_033_988_749_895).fract();
+                Direction::from_mu_phi(zone.cos_max() + (zone.cos_min() - zone.cos_max()) * part, i as f64)
+            })
+            .collect()
+    }
+
+    #[test]
+    fn all_cores_give_the_bits_of_one() {
+        let basis = Harmonics::zonal(Zone::from_degrees(9.0, 90.0).unwrap(), 7).unwrap();
+        let directions = spread(2 * SHARE + 5, basis.zone());
+        let (mut one, mut all) = (vec![0.0; directions.len() * basis.len()], vec![1.0; directions.len() * basis.len()]);
+        basis.eval_many_into(&directions, &mut one);
+        basis.par_eval_many_into(&directions, &mut all);
+        assert!(one.iter().zip(&all).all(|(a, b)| a.to_bits() == b.to_bits()));
+    }
+
+    /// The largest error of f32 at any (l, m) and direction, relative to the function's maximum over the zone.
+    fn f32_error(zone: Zone, order: usize) -> f64 {
+        let basis = Harmonics::zonal(zone, order).unwrap();
+        let n = basis.len();
+        let near = |side: f64, end: f64| (0..40).map(move |i| (end + side * 10f64.powf(-7.0 + 0.15 * f64::from(i)), i));
+        let ends = near(-1.0, zone.cos_min()).chain(near(1.0, zone.cos_max()));
+        let ends = ends.map(|(mu, i)| Direction::from_mu_phi(mu.clamp(zone.cos_max(), zone.cos_min()), f64::from(i)));
+        let narrow: Vec<[f32; 3]> = spread(2000, zone)
+            .into_iter()
+            .chain(ends)
+            .map(|d: Direction<Sample>| [d.vector().x as f32, d.vector().y as f32, d.vector().z as f32])
+            .collect();
+        let wide: Vec<Direction<Sample>> =
+            narrow.iter().map(|v| Direction::new_unchecked(v.map(f64::from).into())).collect();
+        let (mut got, mut want) = (vec![0.0f32; n * narrow.len()], vec![0.0; n * narrow.len()]);
+        Arch::new().dispatch(Batch::<_, _, 8, false> { basis: &basis, directions: &narrow[..], out: &mut got });
+        basis.eval_many_into(&wide, &mut want);
+        let (mut most, mut error) = (vec![0.0f64; n], vec![0.0f64; n]);
+        for (got, want) in got.chunks_exact(n).zip(want.chunks_exact(n)) {
+            for k in 0..n {
+                assert!(got[k].is_finite());
+                most[k] = most[k].max(want[k].abs());
+                error[k] = error[k].max((f64::from(got[k]) - want[k]).abs());
+            }
+        }
+        error.iter().zip(most).map(|(e, m)| e / m).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn f32_holds_its_promise_up_to_its_largest_order() {
+        let zones = [[0.0, 180.0], [9.0, 57.0], [9.0, 90.0], [0.0, 90.0], [40.0, 41.0], [100.0, 170.0], [0.0, 2.0]];
+        for [from, to] in zones {
+            for order in [1, 2, 6, 10, F32_MAX_ORDER] {
+                let error = f32_error(Zone::from_degrees(from, to).unwrap(), order);
+                assert!(error < F32_ERROR, "{from}..{to} deg, order {order}: {error:e}");
+            }
+        }
+    }
+
+    #[test]
+    fn orders_too_high_for_f32_are_refused() {
+        let sh = Harmonics::spherical(F32_MAX_ORDER + 1).unwrap();
+        let refused = sh.eval_many_f32_into(&[], &mut []).unwrap_err();
+        assert_eq!(refused, PrecisionError(F32_MAX_ORDER + 1));
+        let said = refused.to_string();
+        assert!(said.contains(&format!("order {}", F32_MAX_ORDER + 1)) && said.contains("eval_many_into"), "{said}");
     }
 }

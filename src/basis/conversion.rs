@@ -1,12 +1,11 @@
 //! From zonal coefficients to functions of the hemisphere, one dense block per m.
 
-use std::f64::consts::PI;
-
 use nalgebra::DMatrix;
 use thiserror::Error;
 
 use super::factor::{Factor, Key, condition, decompose, factors, polar_factor};
 use super::family::Family;
+use super::gains::Regions;
 use super::harmonics::{Harmonics, OrderError, index, size};
 use super::method::{Method, Strength};
 use crate::geometry::Zone;
@@ -175,23 +174,9 @@ impl Conversion {
             }
         }
         let condition = blocks.iter().map(|b| b.condition).fold(1.0, f64::max);
-        let mut conversion = Self {
-            method,
-            strength,
-            zone,
-            order,
-            sh_order,
-            blocks,
-            condition,
-            noise_gain_in: 0.0,
-            noise_gain_out: 0.0,
-        };
-        let own = (size(order) as f64 / zone.solid_angle()).sqrt();
-        let (inside, outside) = conversion.noise_power(&zone, &family.harmonics(sh_order)?);
-        let rest = Zone::hemisphere().solid_angle() - zone.solid_angle();
-        conversion.noise_gain_in = (inside / zone.solid_angle()).sqrt() / own;
-        conversion.noise_gain_out = if rest > 1e-12 { (outside / rest).sqrt() / own } else { 0.0 };
-        Ok(conversion)
+        let regions = Regions::new(zone, family, sh_order, order.min(sh_order))?;
+        let [noise_gain_in, noise_gain_out] = regions.gains(order, blocks.iter().map(|b| (b.m, &b.matrix)));
+        Ok(Self { method, strength, zone, order, sh_order, blocks, condition, noise_gain_in, noise_gain_out })
     }
 
     /// The functions of the result.
@@ -277,25 +262,6 @@ impl Conversion {
         }
         y
     }
-
-    /// Integrals over the zone and over the rest of the hemisphere of the reconstruction's variance for unit noise.
-    fn noise_power(&self, zone: &Zone, functions: &Harmonics) -> (f64, f64) {
-        let mut power = (0.0, 0.0);
-        for block in &self.blocks {
-            let copies = if block.m == 0 { 1.0 } else { 2.0 };
-            // As a square: the trace of Gram matrix times covariance cancels, and can come out negative.
-            let trace =
-                |zone: &Zone| (polar_factor(functions, block.m, &block.degrees, zone) * &block.matrix).norm_squared();
-            power.0 += copies * trace(zone);
-            if zone.theta_min() > 0.0 {
-                power.1 += copies * trace(&Zone::new(0.0, zone.theta_min()).expect("below the zone"));
-            }
-            if zone.theta_max() < PI / 2.0 {
-                power.1 += copies * trace(&Zone::new(zone.theta_max(), PI / 2.0).expect("above the zone"));
-            }
-        }
-        power
-    }
 }
 
 /// Condition number of the worst Gram block of the functions of `family` up to `order` over `zone`.
@@ -346,6 +312,8 @@ fn numerical_rank(factor: &Factor) -> usize {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::PI;
+
     use super::*;
 
     fn built() -> Zone {

@@ -7,6 +7,7 @@ use nalgebra::{DMatrix, DVector};
 use super::conversion::{ConversionError, Estimate, require_finite};
 use super::factor::{Factor, Key, factors, polar_factor};
 use super::family::Family;
+use super::gains::Regions;
 use super::harmonics::{index, size};
 use crate::geometry::Zone;
 
@@ -26,19 +27,20 @@ pub struct Learned {
 }
 
 /// Share of the weight that all members have alike, so that none is ever without.
-const EVERYONE: f64 = 2e-3;
+const EVERYONE: f64 = 2e-4;
 /// A Slepian function follows the data if it has at least this share of its energy in the zone.
 const CONCENTRATED: f64 = 0.5;
 
 /// Materials as a rig would have measured them and as they are: isotropic, towards the same rings of exitant directions,
 /// phi_o = 0, so that sines vanish.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub struct Population {
     zone: Zone,
     order: usize,
     sh_order: usize,
     /// Blocks that the zonal functions see: m <= order.
     factors: Arc<Vec<Factor>>,
+    regions: Arc<Regions>,
     members: Vec<Member>,
     /// Per ring, row = member: zonal coefficients of the functions with m >= 0 (ascending k), over the member's z_00.
     z: Vec<DMatrix<f64>>,
@@ -80,6 +82,8 @@ pub struct RingMap {
     pub deviations: DMatrix<f64>,
     /// How much wider than the population the data are, in variance: 1 for a material like its members.
     pub surprise: f64,
+    /// Condition number of the worst system solved.
+    pub condition: f64,
 }
 
 /// One azimuthal order of a [`RingMap`].
@@ -128,7 +132,8 @@ impl Population {
             let mean = row.mean();
             row.add_scalar_mut(-mean);
         }
-        Ok(Self { zone, order, sh_order, factors, members, z, y, levels })
+        let regions = Arc::new(Regions::new(zone, Family::Odd, sh_order, order.min(sh_order))?);
+        Ok(Self { zone, order, sh_order, factors, regions, members, z, y, levels })
     }
 
     /// The zone it was integrated over.
@@ -144,6 +149,19 @@ impl Population {
     /// Order of the spherical harmonics.
     pub fn sh_order(&self) -> usize {
         self.sh_order
+    }
+
+    /// The population less all members of one material.
+    pub fn without(&self, material: usize) -> Self {
+        let rows: Vec<usize> = (0..self.members.len()).filter(|&i| self.members[i].material != material).collect();
+        let select = |m: &DMatrix<f64>| m.select_rows(&rows);
+        Self {
+            members: rows.iter().map(|&i| self.members[i]).collect(),
+            z: self.z.iter().map(select).collect(),
+            y: self.y.iter().map(select).collect(),
+            levels: select(&self.levels),
+            ..self.clone()
+        }
     }
 
     /// What one material's rings say of all of its functions, one map per ring.
@@ -241,7 +259,7 @@ impl Population {
         let follow = self.follow((innovation - noise).max(0.0));
         let population = self.y[r].row_variance();
         let mut deviations = DMatrix::zeros(self.members.len(), y_mean.len());
-        let (mut blocks, mut at) = (Vec::new(), 0);
+        let (mut blocks, mut at, mut condition) = (Vec::new(), 0, 1.0f64);
         for m in 0..self.sh_order {
             let degrees = Family::Odd.degrees(self.sh_order, m);
             let rows = degrees.len();
@@ -249,7 +267,9 @@ impl Population {
             let variance: Vec<f64> =
                 columns.iter().map(|&c| ring.direction_variance[c] / (dc * dc) + learned.fidelity).collect();
             let factor = self.factors.iter().find(|f| f.m == m);
-            let matrix = factor.map_or_else(|| DMatrix::zeros(rows, 0), |f| following(f, follow, &variance));
+            let (matrix, of_block) =
+                factor.map_or_else(|| (DMatrix::zeros(rows, 0), 1.0), |f| following(f, follow, &variance));
+            condition = condition.max(of_block);
             let left = y_errors.columns(at, rows) - z_errors.select_columns(&columns) * matrix.transpose();
             deviations.columns_mut(at, rows).copy_from(&(&left * spread));
             let z_block = DVector::from_iterator(columns.len(), columns.iter().map(|&c| z_mean[c]));
@@ -266,7 +286,7 @@ impl Population {
             });
             at += rows;
         }
-        RingMap { blocks, deviations, surprise }
+        RingMap { blocks, deviations, surprise, condition }
     }
 
     /// Prior variance of every Slepian function in the zone that makes an innovation of this power as likely as can be.
@@ -312,6 +332,12 @@ impl RingMap {
         Ok(estimate)
     }
 
+    /// Noise gains in and out of the zone: see [`super::Conversion::noise_gain_in`].
+    pub fn noise_gains(&self, population: &Population) -> [f64; 2] {
+        let blocks = self.blocks.iter().filter(|b| b.matrix.ncols() > 0).map(|b| (b.m, &b.matrix));
+        population.regions.gains(population.order, blocks)
+    }
+
     /// Variance of the reconstruction in one incident direction for `wo` at phi_o = 0: `functions` holds all harmonics there,
     /// `variance` those of the zonal coefficients, index k in both. First the model's part, then the noise's.
     pub fn variance_at(&self, functions: &[f64], variance: &[f64]) -> [f64; 2] {
@@ -340,8 +366,8 @@ fn slepian_gains(factor: &Factor) -> DVector<f64> {
     })
 }
 
-/// S A^T (A S A^T + R)^-1 for the covariance S = `prior` V diag(share) V^T and R = diag(`variance`).
-fn following(factor: &Factor, prior: f64, variance: &[f64]) -> DMatrix<f64> {
+/// S A^T (A S A^T + R)^-1 and the condition number of the inverse, for the covariance S = `prior` V diag(share) V^T and R = diag(`variance`).
+fn following(factor: &Factor, prior: f64, variance: &[f64]) -> (DMatrix<f64>, f64) {
     let gains = slepian_gains(factor);
     let seen = DMatrix::from_diagonal(&gains) * &factor.projected;
     let mut total = seen.transpose() * &seen * prior;
@@ -351,8 +377,9 @@ fn following(factor: &Factor, prior: f64, variance: &[f64]) -> DMatrix<f64> {
     // V diag(share s) P: one root of the share is in the gains.
     let roots = factor.s.zip_map(&gains, |s, g| if s > 0.0 { g / s } else { 0.0 });
     let cross = &factor.v * DMatrix::from_diagonal(&roots) * seen * prior;
+    let eigenvalues = total.symmetric_eigenvalues();
     let inverse = total.cholesky().expect("variances are positive").inverse();
-    cross * inverse
+    (cross * inverse, eigenvalues.max() / eigenvalues.min())
 }
 
 /// Inner products of features in units of their standard deviations.

@@ -9,9 +9,14 @@ use crate::geometry::quadrature::gauss_legendre;
 use crate::geometry::{Direction, Fineness, Zone, zone_about_mirror};
 use crate::reflectance::{Brdf, abc_materials, sgd_materials};
 
-/// Coefficients to 1e-4 of z_00 for rings inside the zone: errors of harmonics that no smooth material has would look like
-/// knowledge, since all members share them.
-const FINENESS: Fineness = Fineness { radial: 48, around: 64 };
+/// For harmonics up to `order`, coefficients to 1e-4 of z_00: errors of those that no smooth material has are alike in all
+/// members, and would pass for knowledge.
+fn fineness(order: usize) -> Fineness {
+    Fineness { radial: 32 + order, around: 32 + 2 * order }
+}
+
+/// Rings that are integrated at most; those between are interpolated.
+const ANCHORS: usize = 24;
 
 /// Both published fits of every material of `table`.
 pub fn members(table: &PriorTable) -> Vec<(Member, &'static dyn Brdf)> {
@@ -37,9 +42,29 @@ pub fn population(table: &PriorTable, zone: Zone, order: usize, thetas: &[f64]) 
     let projection = Projection::new(zone, table.sh_order, table.zone_weight)?;
     let zonal = Harmonics::zonal(zone, order)?;
     let sh = Family::Odd.harmonics(table.sh_order)?;
-    let (z, y): (Vec<_>, Vec<_>) =
-        thetas.par_iter().map(|&theta_o| ring(&brdfs, &zonal, &sh, &projection, table.zone_weight, theta_o)).unzip();
+    let (least, most) = thetas.iter().fold((f64::INFINITY, 0.0f64), |(a, b), &t| (a.min(t), b.max(t)));
+    let anchor = |i: usize| least + (most - least) * i as f64 / (ANCHORS - 1) as f64;
+    let anchors: Vec<f64> = if thetas.len() > ANCHORS { (0..ANCHORS).map(anchor).collect() } else { thetas.to_vec() };
+    let (mut z, mut y): (Vec<_>, Vec<_>) =
+        anchors.par_iter().map(|&theta_o| ring(&brdfs, &zonal, &sh, &projection, table.zone_weight, theta_o)).unzip();
+    if thetas.len() > ANCHORS {
+        (z, y) = (between(&anchors, &z, thetas), between(&anchors, &y, thetas));
+    }
     Population::new(zone, order, table.sh_order, members.into_iter().map(|m| m.0).collect(), z, y)
+}
+
+/// Cubic interpolation (Lagrange, the four nearest of equidistant `anchors`) at each of `thetas`.
+fn between(anchors: &[f64], values: &[DMatrix<f64>], thetas: &[f64]) -> Vec<DMatrix<f64>> {
+    let step = anchors[1] - anchors[0];
+    let at = |&theta: &f64| {
+        let place = (theta - anchors[0]) / step;
+        let first = (place.floor() as isize - 1).clamp(0, anchors.len() as isize - 4) as usize;
+        let x = place - first as f64;
+        let weight =
+            |i: usize| (0..4).filter(|&j| j != i).map(|j| (x - j as f64) / (i as f64 - j as f64)).product::<f64>();
+        (1..4).fold(&values[first] * weight(0), |sum, i| sum + &values[first + i] * weight(i))
+    };
+    thetas.iter().map(at).collect()
 }
 
 /// Zonal coefficients and projections of all members towards one ring, a row for each member.
@@ -57,7 +82,7 @@ pub fn ring(
     let sh_terms = projection.terms();
     let (mut z, mut moments) =
         (DMatrix::zeros(brdfs.len(), zonal_terms.len()), DMatrix::zeros(brdfs.len(), sh_terms.len()));
-    for (inside, nodes) in regions(theta_o, &zone) {
+    for (inside, nodes) in regions(theta_o, &zone, fineness(zonal.order().max(sh.order()))) {
         let directions: Vec<Direction> = nodes.iter().map(|n| Direction::new_unchecked(n.0)).collect();
         let mut values = DMatrix::zeros(brdfs.len(), nodes.len());
         for (i, brdf) in brdfs.iter().enumerate() {
@@ -96,11 +121,11 @@ fn table_of(harmonics: &Harmonics, terms: &[usize], directions: &[Direction]) ->
 type Nodes = Vec<(nalgebra::Vector3<f64>, f64)>;
 
 /// Half of the hemisphere, phi_i in 0..pi: whether inside the zone, directions, solid angles.
-fn regions(theta_o: f64, zone: &Zone) -> Vec<(bool, Nodes)> {
+fn regions(theta_o: f64, zone: &Zone, fineness: Fineness) -> Vec<(bool, Nodes)> {
     use std::f64::consts::{FRAC_PI_2, PI};
-    let mut regions = vec![(true, zone_about_mirror(theta_o, zone, FINENESS))];
+    let mut regions = vec![(true, zone_about_mirror(theta_o, zone, fineness))];
     if let Ok(above) = Zone::new(zone.theta_max(), FRAC_PI_2) {
-        regions.push((false, zone_about_mirror(theta_o, &above, FINENESS)));
+        regions.push((false, zone_about_mirror(theta_o, &above, fineness)));
     }
     if zone.theta_min() > 0.0 {
         let mut cap = Vec::new();

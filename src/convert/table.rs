@@ -60,12 +60,26 @@ impl PriorTable {
         Self::from_toml(include_str!("../../data/prior.toml")).expect("the built-in table is tested")
     }
 
+    /// The table as [`PriorTable::from_toml`] reads it.
+    pub fn to_toml(&self) -> String {
+        let table = toml::to_string_pretty(self).expect("plain values");
+        format!("# What `zonal convert --method prior` knows beforehand; made by `zonal prior`.\n{table}")
+    }
+
     /// Reads a table.
     ///
     /// # Errors
     /// [`PriorTableError`].
     pub fn from_toml(text: &str) -> Result<Self, PriorTableError> {
-        let table: Self = toml::from_str(text)?;
+        toml::from_str::<Self>(text)?.check()
+    }
+
+    /// The table itself, if its values are in range.
+    ///
+    /// # Errors
+    /// [`PriorTableError::Value`].
+    pub fn check(self) -> Result<Self, PriorTableError> {
+        let table = self;
         let wrong = |key, value: &dyn std::fmt::Display, expected| {
             Err(PriorTableError::Value { key, value: value.to_string(), expected })
         };

@@ -2,11 +2,10 @@
 
 use std::path::Path;
 
-use rayon::prelude::*;
-
-use crate::basis::{Conversion, Harmonics, MAX_ORDER, size};
+use crate::basis::{Conversion, Family, Harmonics, MAX_ORDER, size};
+use crate::convert::{Converted, linear};
 use crate::geometry::{Direction, ExitantGrid, Sample, Zone};
-use crate::reduce::Coefficients;
+use crate::reduce::{CHANNEL_NAMES, Coefficients};
 use crate::reflectance::{Brdf, Towards};
 use crate::store::{Layers, Plane, StoreError};
 
@@ -26,53 +25,51 @@ pub struct ShMaterial {
     pub values: Vec<f32>,
     /// Standard errors, indexed alike.
     pub sigma: Vec<f32>,
+    /// How much of each coefficient is data, 0..=1, indexed alike; the rest is what the method assumes.
+    pub data_share: Vec<f32>,
     /// What was measured, with what: see [`Coefficients::history`].
     pub history: String,
+    family: Family,
     harmonics: Harmonics,
 }
 
+/// Names of families in files, in the order of their declaration.
+const FAMILIES: [&str; 3] = ["all", "odd", "hemispherical"];
+
+impl From<Converted> for ShMaterial {
+    fn from(converted: Converted) -> Self {
+        let Converted { grid, zonal_order, method, family, sh_order, values, sigma, data_share, history } = converted;
+        let harmonics = family.harmonics(sh_order).expect("a conversion has a valid order");
+        Self { grid, method, zonal_order, values, sigma, data_share, history, family, harmonics }
+    }
+}
+
 /// The functions of the expansion, for the file's header.
+const HEMISPHERICAL: &str = "hemispherical harmonics, orthonormal over the hemisphere (Gautron et al. 2004): H_lm = sqrt(2) times \
+the real spherical harmonic of the same phi_i and the polar angle whose cosine is 2 cos(theta_i) - 1";
 const FUNCTIONS: &str = "real spherical harmonics, orthonormal over the sphere: Y_lm = N_l|m| P_l|m|(cos theta_i) times 1 for \
 m = 0, sqrt(2) cos(m phi_i) for m > 0, sqrt(2) sin(|m| phi_i) for m < 0; N_lm^2 = (2l+1)/(4 pi) (l-m)!/(l+m)!";
-
-const CHANNELS: [&str; 3] = ["R", "G", "B"];
 
 impl ShMaterial {
     /// Converts measured zonal coefficients.
     pub fn new(coefficients: &Coefficients, conversion: &Conversion) -> Self {
-        let grid = coefficients.grid;
-        let n = grid.len();
-        let harmonics = Harmonics::spherical(conversion.sh_order).expect("a conversion has a valid order");
-        let columns: Vec<(Vec<f64>, Vec<f64>)> = (0..3 * n)
-            .into_par_iter()
-            .map(|i| {
-                let (channel, cell) = (i / n, i % n);
-                let variance: Vec<f64> = coefficients.spectrum_sigma(channel, cell).iter().map(|s| s * s).collect();
-                (conversion.apply(&coefficients.spectrum(channel, cell)), conversion.variance(&variance))
-            })
-            .collect();
-        let mut values = vec![0.0; harmonics.len() * 3 * n];
-        let mut sigma = values.clone();
-        for (i, (y, variance)) in columns.into_iter().enumerate() {
-            for k in 0..y.len() {
-                values[k * 3 * n + i] = y[k] as f32;
-                sigma[k * 3 * n + i] = variance[k].sqrt() as f32;
-            }
-        }
-        Self {
-            grid,
-            method: conversion.method.name().into(),
-            zonal_order: conversion.order,
-            values,
-            sigma,
-            history: coefficients.history.clone(),
-            harmonics,
-        }
+        linear(coefficients, conversion).into()
     }
 
     /// Order of the SH.
     pub fn order(&self) -> usize {
         self.harmonics.order()
+    }
+
+    /// Mean share of data over coefficients and directions, each weighted with its square; NaN cells left out.
+    pub fn mean_data_share(&self) -> f64 {
+        let (mut sum, mut weight) = (0.0, 0.0);
+        for (value, share) in self.values.iter().zip(&self.data_share).filter(|(v, _)| v.is_finite()) {
+            let square = f64::from(*value) * f64::from(*value);
+            sum += square * f64::from(*share);
+            weight += square;
+        }
+        if weight > 0.0 { sum / weight } else { 0.0 }
     }
 
     /// f_cos without clamping: a reconstruction may be negative.
@@ -112,16 +109,23 @@ impl ShMaterial {
         let n = self.grid.len();
         let mut image = Layers::new(self.grid.sectors(), self.grid.rings());
         for k in 0..size(self.order()) {
-            for (c, name) in CHANNELS.iter().enumerate() {
+            for (c, name) in CHANNEL_NAMES.iter().enumerate() {
                 let at = (k * 3 + c) * n;
                 image.plane(format!("y_{k:03}.{name}"), Plane::Float(self.values[at..at + n].to_vec()));
                 image.plane(format!("sigma_{k:03}.{name}"), Plane::Float(self.sigma[at..at + n].to_vec()));
+                image.plane(format!("data_{k:03}.{name}"), Plane::Float(self.data_share[at..at + n].to_vec()));
             }
         }
         image.attribute("zonal_content", "SH coefficients y_k(wo): f_cos(wi, wo) = sum over k of y_k(wo) Y_k(wi)");
         image.attribute("zonal_units", "1/sr, linear camera RGB; f_cos is the BRDF times cos(theta_i)");
         image.attribute("zonal_convention", crate::reduce::CONVENTION);
-        image.attribute("zonal_functions", FUNCTIONS);
+        let functions = if self.family == Family::Hemispherical { HEMISPHERICAL } else { FUNCTIONS };
+        image.attribute("zonal_functions", functions);
+        image.attribute("zonal_family", FAMILIES[self.family as usize]);
+        image.attribute(
+            "zonal_data_share",
+            "planes data_kkk: how much of a coefficient is data, 0..1; the rest is what the method assumes or has learned",
+        );
         image.attribute(
             "zonal_interpolation",
             "bilinear in theta_o and phi_o; theta_o clamped to the centres of the first and last row, phi_o wraps",
@@ -145,14 +149,32 @@ impl ShMaterial {
         let number = |name: &str| image.number(name).ok_or_else(|| missing(name));
         let zone = Zone::from_degrees(number("zonal_theta_min_deg")?, number("zonal_theta_max_deg")?)
             .map_err(|e| StoreError::invalid(path, e.to_string()))?;
-        let harmonics = Harmonics::spherical(number("zonal_sh_order")? as usize)
+        // Files of format 1 knew spherical harmonics only, and no shares.
+        let family = match image.text("zonal_family") {
+            None => Family::All,
+            Some(name) => {
+                let known = FAMILIES
+                    .iter()
+                    .position(|f| f == &name)
+                    .map(|i| [Family::All, Family::Odd, Family::Hemispherical][i]);
+                known.ok_or_else(|| {
+                    StoreError::invalid(path, format!("zonal_family = {name} is not known to this version"))
+                })?
+            }
+        };
+        let harmonics = family
+            .harmonics(number("zonal_sh_order")? as usize)
             .map_err(|e| StoreError::invalid(path, e.to_string()))?;
-        let (mut values, mut sigma) = (Vec::new(), Vec::new());
+        let (mut values, mut sigma, mut data_share) = (Vec::new(), Vec::new(), Vec::new());
         for k in 0..harmonics.len() {
-            for name in CHANNELS {
+            for name in CHANNEL_NAMES {
                 for (stem, planes) in [("y", &mut values), ("sigma", &mut sigma)] {
                     let plane = format!("{stem}_{k:03}.{name}");
                     planes.extend(image.get(&plane).ok_or_else(|| missing(&plane))?);
+                }
+                match image.get(&format!("data_{k:03}.{name}")) {
+                    Some(plane) => data_share.extend(plane),
+                    None => data_share.resize(values.len(), 1.0),
                 }
             }
         }
@@ -163,6 +185,8 @@ impl ShMaterial {
             zonal_order: number("zonal_order")? as usize,
             values,
             sigma,
+            data_share,
+            family,
             harmonics,
         })
     }

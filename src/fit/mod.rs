@@ -34,7 +34,7 @@ use uncertainty::{CalibrationErrors, covariance};
 pub use crate::geometry::Fineness;
 pub use forward::{Forward, Node};
 pub use method::{FitMethod, UnknownMethod};
-pub use observations::{Observations, Station};
+pub use observations::{ANISOTROPIC, Observations, Station};
 pub use report::{FitReport, Plausibility, ResidualMap};
 pub use search::Termination;
 pub use select::{Candidate, PRICE, Selection};

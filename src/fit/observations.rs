@@ -1,6 +1,6 @@
 //! What a fit sees of a run: zonal coefficients in the frame of each exitant direction.
 
-use crate::basis::{Harmonics, index, lm, size};
+use crate::basis::{Harmonics, about_normal, about_normal_variance, index, lm, size};
 use crate::geometry::{Direction, ExitantGrid};
 use crate::reduce::Coefficients;
 
@@ -52,7 +52,7 @@ const ANISOTROPIC_RINGS: usize = 11;
 const ANISOTROPIC_SECTORS: usize = 16;
 /// Deviation from isotropy, over z_00 and beyond noise, from which on a sample counts as anisotropic. Mirror-like lobes,
 /// narrower than a cell of the exitant grid, feign up to half as much.
-const ANISOTROPIC: f64 = 0.04;
+pub const ANISOTROPIC: f64 = 0.04;
 
 impl Observations {
     /// What a fit uses: [`Observations::folded`], or [`Observations::anisotropic`] where the sample is not isotropic.
@@ -114,11 +114,14 @@ impl Observations {
             for sector in (ring % sector_step..grid.sectors()).step_by(sector_step) {
                 let cell = ring * grid.sectors() + sector;
                 let phi_o = grid.phi(sector);
-                let turned = |planes: [Vec<f64>; 3], sigma: bool| -> Vec<[f64; 3]> {
-                    terms.iter().map(|&k| [0, 1, 2].map(|c| turn(&planes[c], k, phi_o, sigma))).collect()
-                };
-                let z = turned([0, 1, 2].map(|c| coefficients.spectrum(c, cell)), false);
-                let sigma = turned([0, 1, 2].map(|c| coefficients.spectrum_sigma(c, cell)), true);
+                // Turned back to phi_o = 0.
+                let z = [0, 1, 2].map(|c| about_normal(&coefficients.spectrum(c, cell), -phi_o));
+                let variance = [0, 1, 2].map(|c| {
+                    let of: Vec<f64> = coefficients.spectrum_sigma(c, cell).iter().map(|s| s * s).collect();
+                    about_normal_variance(&of, -phi_o)
+                });
+                let z: Vec<[f64; 3]> = terms.iter().map(|&k| [0, 1, 2].map(|c| z[c][k])).collect();
+                let sigma = terms.iter().map(|&k| [0, 1, 2].map(|c| variance[c][k].sqrt())).collect();
                 if z.iter().flatten().all(|z| z.is_finite()) {
                     stations.push(Station { ring, phi_o, z, sigma });
                 }
@@ -208,12 +211,4 @@ fn parts(coefficients: &Coefficients, ring: usize, k: usize, channel: usize) -> 
         push(index(l, -m), sin);
     }
     parts
-}
-
-/// One coefficient in the frame turned by `phi_o`, or its standard error.
-fn turn(spectrum: &[f64], k: usize, phi_o: f64, sigma: bool) -> f64 {
-    let (l, m) = lm(k);
-    let partner = spectrum[index(l, -m)];
-    let (sin, cos) = (f64::from(m) * phi_o).sin_cos();
-    if sigma { (cos * spectrum[k]).hypot(sin * partner) } else { cos * spectrum[k] + sin * partner }
 }

@@ -10,7 +10,7 @@ use crate::basis::OrderError;
 use crate::store::StoreError;
 
 pub use cells::{CellMap, CellResponse};
-pub use coefficients::{CONVENTION, Coefficients};
+pub use coefficients::{CHANNEL_NAMES, CONVENTION, Coefficients};
 pub use reducer::{ChannelScale, Reducer};
 
 /// Why responses cannot be reduced.

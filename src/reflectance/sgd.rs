@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_1_PI, PI};
 use std::sync::LazyLock;
 
 use super::half::half_vector;
-use super::{Brdf, ReadError};
+use super::{Brdf, ReadError, Towards};
 use crate::geometry::{Direction, Sample};
 
 /// One colour channel of [`Sgd`].
@@ -52,12 +52,12 @@ impl SgdChannel {
         (1.0 - self.lambda * (self.c * beyond.powf(self.k)).exp_m1()).clamp(0.0, 1.0)
     }
 
-    fn eval(&self, [cos_i, cos_o]: [f64; 2], cos_h: f64, cos_d: f64) -> f64 {
+    /// f for a given G(theta_i) G(theta_o).
+    fn shadowed(&self, [cos_i, cos_o]: [f64; 2], cos_h: f64, cos_d: f64, shadowing: f64) -> f64 {
         let cos2 = cos_h * cos_h;
         let x = self.alpha + (1.0 - cos2) / cos2 / self.alpha;
         let density = self.kap * (-x).exp() / (PI * x.powf(self.p) * cos2 * cos2);
         let fresnel = self.f0 - self.f1 * cos_d + (1.0 - self.f0) * (1.0 - cos_d).powi(5);
-        let shadowing = self.shadowing(cos_i) * self.shadowing(cos_o);
         FRAC_1_PI * (self.rho_d + self.rho_s * fresnel * density * shadowing / (cos_i * cos_o))
     }
 }
@@ -70,7 +70,31 @@ impl Brdf for Sgd {
         }
         let h = half_vector(wi, wo);
         let cos_d = wi.vector().dot(&h).clamp(0.0, 1.0);
-        self.channels.each_ref().map(|channel| channel.eval([cos_i, cos_o], h.z, cos_d))
+        self.channels.each_ref().map(|channel| {
+            let shadowing = channel.shadowing(cos_i) * channel.shadowing(cos_o);
+            channel.shadowed([cos_i, cos_o], h.z, cos_d, shadowing)
+        })
+    }
+
+    fn towards<'a>(&'a self, wo: &Direction<Sample>) -> Towards<'a> {
+        let wo = *wo;
+        let cos_o = wo.cos_theta();
+        if cos_o <= 0.0 {
+            return Box::new(|_| [0.0; 3]);
+        }
+        let shadowing = self.channels.each_ref().map(|c| c.shadowing(cos_o));
+        Box::new(move |wi| {
+            let cos_i = wi.cos_theta();
+            if cos_i <= 0.0 {
+                return [0.0; 3];
+            }
+            let h = half_vector(wi, &wo);
+            let cos_d = wi.vector().dot(&h).clamp(0.0, 1.0);
+            std::array::from_fn(|k| {
+                let channel = &self.channels[k];
+                cos_i * channel.shadowed([cos_i, cos_o], h.z, cos_d, channel.shadowing(cos_i) * shadowing[k])
+            })
+        })
     }
 
     fn is_isotropic(&self) -> bool {
@@ -161,6 +185,17 @@ mod tests {
             assert!(error.contains("t.csv") && error.contains("material x"), "{error}");
         }
         assert!(parse(&format!("{head}\nx,y,0,0\n"), "t.csv").is_err());
+    }
+
+    #[test]
+    fn towards_is_eval() {
+        let brdf = &sgd_materials()[5].brdf;
+        let wo = Direction::from_angles(0.6, 0.2);
+        let f_cos = brdf.towards(&wo);
+        for theta in [0.1, 0.6, 1.2, 1.7] {
+            let wi = Direction::from_angles(theta, 2.0);
+            assert_eq!(f_cos(&wi).map(|f| (f * 1e12).round()), brdf.eval_cos(&wi, &wo).map(|f| (f * 1e12).round()));
+        }
     }
 
     #[test]

@@ -8,7 +8,7 @@ use anyhow::Context;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use zonal::calibrate::{CalibrateError, CalibrationSet};
 use zonal::capture::CaptureError;
-use zonal::export::ShMaterial;
+use zonal::export::{ShMaterial, TensorMaterial};
 use zonal::fit::FitReport;
 use zonal::geometry::Zone;
 use zonal::measure::{MeasureError, RunRecord};
@@ -62,7 +62,15 @@ impl Material {
 /// A material from any file or name that stands for one.
 pub fn material(name: &str) -> anyhow::Result<Material> {
     if name.ends_with(".exr") {
-        let sh = ShMaterial::read(Path::new(name))?;
+        let path = Path::new(name);
+        if TensorMaterial::is_in(path)? {
+            let tensor = TensorMaterial::read(path)?;
+            let [order, exitant] = tensor.zonal_orders;
+            let history =
+                format!("{name}: zonal orders {order} and {exitant}, method {}; {}", tensor.method, tensor.history);
+            return Ok(Material::new(Arc::new(tensor), history));
+        }
+        let sh = ShMaterial::read(path)?;
         let history = format!("{name}: zonal order {}, method {}; {}", sh.zonal_order, sh.method, sh.history);
         return Ok(Material::new(Arc::new(sh), history));
     }

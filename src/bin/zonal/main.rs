@@ -1,5 +1,6 @@
 //! The command line: parses, calls, prints. Exit status 0 done, 1 failed, 2 wrong usage or bad input.
 
+mod both_sides;
 mod calibrate;
 mod common;
 mod compare;
@@ -11,6 +12,7 @@ mod materials;
 mod measure;
 mod patterns;
 mod plan;
+mod prior;
 mod reduce;
 mod render;
 mod report;
@@ -55,6 +57,8 @@ enum Command {
     Reduce(reduce::Args),
     /// Turns a run's zonal coefficients into spherical harmonics.
     Convert(convert::Args),
+    /// Learns the table of `convert --method prior` from the published materials.
+    Prior(prior::Args),
     /// Fits a reflection model to a run.
     Fit(fit::Args),
     /// How far a model is from the truth.
@@ -83,6 +87,7 @@ fn main() -> ExitCode {
         Command::Measure(args) => measure::run(&args),
         Command::Reduce(args) => reduce::run(&args),
         Command::Convert(args) => convert::run(&args),
+        Command::Prior(args) => prior::run(&args),
         Command::Fit(args) => fit::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Report(args) => report::run(&args),
