@@ -27,7 +27,7 @@ pub enum ConversionError {
     /// Some functions cannot be told apart in the zone.
     #[error(
         "method `{method}` at order {order}: of the {functions} functions of m = {m} only {rank} can be told apart from {theta_min_deg} to \
-         {theta_max_deg} deg in double precision; lower the order or use `--method truncated` or `parity`"
+         {theta_max_deg} deg in double precision; use a lower `--order`, or `--method prior` or `truncated`"
     )]
     RankDeficient {
         /// The method.
@@ -110,6 +110,7 @@ pub struct Conversion {
     pub method: Method,
     /// How strongly it holds back.
     pub strength: Strength,
+    zone: Zone,
     /// Zonal order L.
     pub order: usize,
     /// Order of the resulting functions.
@@ -166,8 +167,8 @@ impl Conversion {
                         m: f.m,
                         functions: f.degrees.len(),
                         rank,
-                        theta_min_deg: zone.theta_min().to_degrees(),
-                        theta_max_deg: zone.theta_max().to_degrees(),
+                        theta_min_deg: rounded_degrees(zone.theta_min()),
+                        theta_max_deg: rounded_degrees(zone.theta_max()),
                     });
                 }
             }
@@ -175,7 +176,7 @@ impl Conversion {
         let condition = blocks.iter().map(|b| b.condition).fold(1.0, f64::max);
         let regions = Regions::new(zone, family, sh_order, order.min(sh_order))?;
         let [noise_gain_in, noise_gain_out] = regions.gains(order, blocks.iter().map(|b| (b.m, &b.matrix)));
-        Ok(Self { method, strength, order, sh_order, blocks, condition, noise_gain_in, noise_gain_out })
+        Ok(Self { method, strength, zone, order, sh_order, blocks, condition, noise_gain_in, noise_gain_out })
     }
 
     /// The functions of the result.
@@ -188,20 +189,25 @@ impl Conversion {
     /// # Errors
     /// [`ConversionError::Unstable`] if noise_gain_out * noise_rel > 1.
     pub fn check(&self, noise_rel: f64) -> Result<(), ConversionError> {
-        // A NaN must be refused as well.
-        if self.noise_gain_out * noise_rel <= 1.0 {
+        if self.holds(noise_rel) {
             return Ok(());
         }
+        let parity = || Self::new(Method::Parity, self.zone, self.order).is_ok_and(|c| c.holds(noise_rel));
         Err(ConversionError::Unstable {
             method: self.method.name(),
             order: self.order,
             noise_gain_out: self.noise_gain_out,
             noise_rel,
             remedy: match self.method {
-                Method::Thesis | Method::Hsh => "use `--method parity` or `prior`",
+                Method::Thesis | Method::Hsh if parity() => "use `--method parity` or `--method prior`",
                 _ => "use a lower `--order` or `--method prior`",
             },
         })
+    }
+
+    /// Whether noise outside the zone stays below the signal; a NaN does not.
+    fn holds(&self, noise_rel: f64) -> bool {
+        self.noise_gain_out * noise_rel <= 1.0
     }
 
     /// Values, standard errors and shares of data of the function with zonal coefficients `z` and independent variances
@@ -292,6 +298,11 @@ fn block(factor: &Factor, family: Family, strength: Strength) -> Block {
     let matrix = DMatrix::from_diagonal(&factor.inverse_weights) * &factor.v * filtered;
     let data_share = (&matrix * factor.forward()).diagonal().iter().copied().collect();
     Block { m: factor.m, degrees: factor.degrees.clone(), matrix, condition: factor.condition, data_share }
+}
+
+/// To a billionth, for people.
+fn rounded_degrees(theta: f64) -> f64 {
+    (theta.to_degrees() * 1e9).round() / 1e9
 }
 
 fn numerical_rank(factor: &Factor) -> usize {

@@ -9,33 +9,38 @@ use super::family::Family;
 use super::harmonics::{OrderError, size};
 use crate::geometry::Zone;
 
-/// Gram matrices of a family over the zone and over the rest of the hemisphere, one block per m.
+/// Square roots of a family's Gram matrices over the zone and over the rest of the hemisphere, one block per m.
+///
+/// The trace of a Gram matrix times a covariance cancels where functions can hardly be told apart, down to negative values;
+/// a sum of squares does not.
 pub(super) struct Regions {
     zone: Zone,
-    /// Per m: over the zone, over the rest.
-    grams: Vec<[DMatrix<f64>; 2]>,
+    /// Per m: R over the zone and over the rest, where R^T R is the Gram matrix.
+    roots: Vec<[DMatrix<f64>; 2]>,
 }
 
 impl Regions {
     /// The blocks m = 0..=`largest_m` of the functions up to `sh_order`.
     pub fn new(zone: Zone, family: Family, sh_order: usize, largest_m: usize) -> Result<Self, OrderError> {
         let functions = family.harmonics(sh_order)?;
-        let grams = (0..=largest_m).map(|m| {
+        let (below, above) = (Zone::new(0.0, zone.theta_min()), Zone::new(zone.theta_max(), PI / 2.0));
+        let roots = (0..=largest_m).map(|m| {
             let degrees = family.degrees(sh_order, m);
-            let gram = |zone: Zone| {
-                let factor = polar_factor(&functions, m, &degrees, &zone);
-                factor.tr_mul(&factor)
+            let root = |zones: &[Zone]| {
+                let rows: Vec<_> = zones.iter().map(|zone| polar_factor(&functions, m, &degrees, zone)).collect();
+                let mut stacked = DMatrix::zeros(rows.iter().map(|r| r.nrows()).sum(), degrees.len());
+                let mut at = 0;
+                for rows in &rows {
+                    stacked.rows_mut(at, rows.nrows()).copy_from(rows);
+                    at += rows.nrows();
+                }
+                stacked.qr().r()
             };
-            let mut rest = DMatrix::zeros(degrees.len(), degrees.len());
-            if zone.theta_min() > 0.0 {
-                rest += gram(Zone::new(0.0, zone.theta_min()).expect("below the zone"));
-            }
-            if zone.theta_max() < PI / 2.0 {
-                rest += gram(Zone::new(zone.theta_max(), PI / 2.0).expect("above the zone"));
-            }
-            [gram(zone), rest]
+            // A zone without a hole, or one that ends at the horizon, has less of a rest.
+            let rest: Vec<Zone> = [below, above].into_iter().flatten().collect();
+            [root(&[zone]), root(&rest)]
         });
-        Ok(Self { zone, grams: grams.collect() })
+        Ok(Self { zone, roots: roots.collect() })
     }
 
     /// RMS over the zone, and over the rest, of the reconstruction's standard error for independent unit noise on every zonal
@@ -44,9 +49,8 @@ impl Regions {
         let mut power = [0.0; 2];
         for (m, matrix) in blocks {
             let copies = if m == 0 { 1.0 } else { 2.0 };
-            let covariance = matrix * matrix.transpose();
-            for (power, gram) in power.iter_mut().zip(&self.grams[m]) {
-                *power += copies * gram.component_mul(&covariance).sum();
+            for (power, root) in power.iter_mut().zip(&self.roots[m]) {
+                *power += copies * (root * matrix).norm_squared();
             }
         }
         let own = size(order) as f64 / self.zone.solid_angle();

@@ -171,13 +171,16 @@ impl Population {
     /// the members' own residuals show when each is predicted from those of other models of other materials.
     ///
     /// # Errors
-    /// [`ConversionError::NotFinite`] for data that are not finite or have no z_00.
+    /// [`ConversionError::NotFinite`] for data or variances that are not finite, negative variances, and without z_00.
     pub fn maps(&self, rings: &[RingMean], learned: &Learned) -> Result<Vec<RingMap>, ConversionError> {
         assert_eq!(rings.len(), self.z.len(), "one ring of data for each of the population");
         for ring in rings {
-            for (i, (&value, &variance)) in ring.z.iter().zip(&ring.variance).enumerate() {
-                if !(value.is_finite() && variance.is_finite() && ring.z[0] > 0.0) {
-                    return Err(ConversionError::NotFinite { k: self.terms()[i], value, variance });
+            for (i, k) in self.terms().into_iter().enumerate() {
+                let value = ring.z[i];
+                for variance in [ring.variance[i], ring.direction_variance[i]] {
+                    if !(value.is_finite() && variance.is_finite() && variance >= 0.0 && ring.z[0] > 0.0) {
+                        return Err(ConversionError::NotFinite { k, value, variance });
+                    }
                 }
             }
         }
