@@ -1,6 +1,7 @@
 //! The command line: parses, calls, prints. Exit status 0 done, 1 failed, 2 wrong usage or bad input.
 
 mod calibrate;
+mod chart;
 mod common;
 mod compare;
 mod convert;
@@ -61,6 +62,8 @@ enum Command {
     Compare(compare::Args),
     /// Models fitted to a run, compared on one HTML page.
     Report(report::Args),
+    /// What the methods can and cannot do, from built-in materials alone: a table, a picture and a page.
+    Chart(chart::Args),
     /// A sphere or a cylinder of a material, a fit or a converted run.
     Render(render::Args),
     /// A material, a fit or a converted run as a file for other programs.
@@ -86,6 +89,7 @@ fn main() -> ExitCode {
         Command::Fit(args) => fit::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Report(args) => report::run(&args),
+        Command::Chart(args) => chart::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Export(args) => export::run(&args),
     };
