@@ -136,6 +136,19 @@ impl Population {
         Ok(Self { zone, order, sh_order, factors, regions, members, z, y, levels })
     }
 
+    /// The same population as if only zonal functions up to `order`, no more than its own, had been shown.
+    ///
+    /// # Errors
+    /// As [`super::Conversion::new`].
+    pub fn truncated(&self, order: usize) -> Result<Self, ConversionError> {
+        assert!(order <= self.order, "the population holds order {}", self.order);
+        let factors = factors(&self.zone, Key::new(&self.zone, order, Family::Odd, self.sh_order, false))?;
+        // Functions with m >= 0, ascending k: those of lower orders come first.
+        let terms = (order + 1) * (order + 2) / 2;
+        let z = self.z.iter().map(|z| z.columns(0, terms).into_owned()).collect();
+        Ok(Self { order, factors, z, ..self.clone() })
+    }
+
     /// The zone it was integrated over.
     pub fn zone(&self) -> Zone {
         self.zone

@@ -6,6 +6,7 @@
 mod learn;
 mod planes;
 mod population;
+mod stability;
 mod table;
 mod trial;
 
@@ -15,6 +16,7 @@ use thiserror::Error;
 pub use learn::{LearningError, half_of_the_materials, learn};
 pub use planes::Converted;
 pub use population::{members, population, ring};
+pub use stability::{Scan, StabilityRow, stability_csv};
 pub use table::{PRIOR_VERSION, PriorTable, PriorTableError};
 pub use trial::{Spectra, Trial, ring_mean};
 

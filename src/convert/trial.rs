@@ -18,7 +18,7 @@ use crate::reflectance::{Brdf, EXITANT_DEG, ZoneErrors};
 const NODES: [usize; 2] = [96, 128];
 
 /// Materials without and with error: f_cos over the hemisphere and exact zonal coefficients, mean of the channels, towards
-/// the exitant directions [`EXITANT_DEG`] at phi_o = 0.
+/// some exitant directions at phi_o = 0.
 pub struct Trial {
     zone: Zone,
     order: usize,
@@ -39,17 +39,32 @@ struct Scene {
     z: DMatrix<f64>,
 }
 
+/// Zonal coefficients and their variances.
+type Spectrum = (Vec<f64>, Vec<f64>);
 /// Noisy spectra of all materials and exitant directions: `[exitant][material]`, values and variances.
-pub type Spectra = Vec<Vec<(Vec<f64>, Vec<f64>)>>;
+pub type Spectra = Vec<Vec<Spectrum>>;
 
 impl Trial {
-    /// Integrates `materials` over `zone` up to the zonal `order`.
+    /// Integrates `materials` over `zone` up to the zonal `order`, towards the exitant directions [`EXITANT_DEG`].
     ///
     /// # Errors
     /// As [`Conversion::new`].
     pub fn new(zone: Zone, order: usize, materials: &[&dyn Brdf]) -> Result<Self, ConversionError> {
+        Self::towards(zone, order, materials, &EXITANT_DEG)
+    }
+
+    /// The same towards exitant directions at the polar angles `exitant_deg`, degrees.
+    ///
+    /// # Errors
+    /// As [`Conversion::new`].
+    pub fn towards(
+        zone: Zone,
+        order: usize,
+        materials: &[&dyn Brdf],
+        exitant_deg: &[f64],
+    ) -> Result<Self, ConversionError> {
         let zonal = Harmonics::zonal(zone, order)?;
-        let scenes = EXITANT_DEG.par_iter().map(|deg| Scene::new(&zonal, materials, deg.to_radians())).collect();
+        let scenes = exitant_deg.par_iter().map(|deg| Scene::new(&zonal, materials, deg.to_radians())).collect();
         Ok(Self { zone, order, materials: materials.len(), scenes })
     }
 
@@ -92,25 +107,38 @@ impl Trial {
         spectra: &Spectra,
         rule: Option<Rule>,
     ) -> Result<Vec<ZoneErrors>, ConversionError> {
-        let fixed = Conversion::new(method, self.zone, order)?;
-        let estimates: Vec<Vec<Vec<f64>>> = (0..self.materials)
-            .into_par_iter()
-            .map(|i| {
-                let spectra = spectra.iter().map(|s| &s[i]);
-                let tuned;
-                let conversion = match rule.filter(|_| method.is_tuned()) {
-                    None => &fixed,
-                    Some(rule) => {
-                        let mut evidence = Evidence::new(method, self.zone, order)?;
-                        spectra.clone().for_each(|(z, v)| evidence.add(z, v));
-                        tuned = Conversion::with_strength(method, self.zone, order, evidence.strength(rule))?;
-                        &tuned
-                    }
-                };
-                Ok(spectra.map(|(z, _)| conversion.apply(z)).collect())
-            })
-            .collect::<Result<_, ConversionError>>()?;
-        Ok(self.judge(&fixed.harmonics(), &estimates))
+        Ok(self.errors_of(&self.conversions(method, order, spectra, rule)?, spectra))
+    }
+
+    /// The conversion of each material: all alike, but where `rule` says to find the strength from the material's spectra.
+    ///
+    /// # Errors
+    /// As [`Conversion::new`].
+    pub fn conversions(
+        &self,
+        method: Method,
+        order: usize,
+        spectra: &Spectra,
+        rule: Option<Rule>,
+    ) -> Result<Vec<Conversion>, ConversionError> {
+        let Some(rule) = rule.filter(|_| method.is_tuned()) else {
+            return Ok(vec![Conversion::new(method, self.zone, order)?; self.materials]);
+        };
+        let evidence = Evidence::new(method, self.zone, order)?;
+        let tuned = |i: usize| {
+            let mut evidence = evidence.clone();
+            spectra.iter().for_each(|s| evidence.add(&s[i].0, &s[i].1));
+            Conversion::with_strength(method, self.zone, order, evidence.strength(rule))
+        };
+        (0..self.materials).into_par_iter().map(tuned).collect()
+    }
+
+    /// Errors of `conversions` of one method, one for each material.
+    pub fn errors_of(&self, conversions: &[Conversion], spectra: &Spectra) -> Vec<ZoneErrors> {
+        let Some(first) = conversions.first() else { return Vec::new() };
+        let one = |(i, c): (usize, &Conversion)| spectra.iter().map(|s| c.apply(&s[i].0)).collect();
+        let estimates: Vec<Vec<Vec<f64>>> = conversions.iter().enumerate().map(one).collect();
+        self.judge(&first.harmonics(), &estimates)
     }
 
     /// Errors of the prior, one per material, each converted from its own spectra alone.
@@ -199,7 +227,7 @@ impl Trial {
                     part.1 += w;
                 }
                 let relative = |(sum, omega): (f64, f64)| {
-                    if omega > 0.0 { (sum / omega).sqrt() / scene.rms[i] / EXITANT_DEG.len() as f64 } else { 0.0 }
+                    if omega > 0.0 { (sum / omega).sqrt() / scene.rms[i] / self.scenes.len() as f64 } else { 0.0 }
                 };
                 errors.inside += relative(parts[0]);
                 errors.outside += relative(parts[1]);

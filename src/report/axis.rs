@@ -89,13 +89,13 @@ impl Axis {
         }
     }
 
-    /// Where a value lies in a range: 0 at its start, 1 at its end, clamped.
+    /// Where a value lies in a range: 0 at its start, 1 at its end, beyond them outside.
     pub(super) fn place(&self, x: f64, [lo, hi]: [f64; 2]) -> f64 {
         let t = match self.scale {
             Scale::Linear => (x - lo) / (hi - lo),
             Scale::Log => (x / lo).ln() / (hi / lo).ln(),
         };
-        if t.is_nan() { 0.0 } else { t.clamp(0.0, 1.0) }
+        if t.is_nan() { 0.0 } else { t }
     }
 }
 

@@ -1,18 +1,20 @@
 //! A chart of series over two axes, as inline SVG.
 
 use super::axis::Axis;
+use super::drawing::{Form, Letters, Look, Shape, symbol};
 use super::label;
 use super::text::escape;
 
 /// Drawn width in user units: about that of a phone, so that text keeps its size there.
-const WIDTH: f64 = 360.0;
-const HEIGHT: f64 = 270.0;
+pub(super) const WIDTH: f64 = 360.0;
+pub(super) const HEIGHT: f64 = 270.0;
 /// Space around the plot: left, top, right, bottom.
 const MARGINS: [f64; 4] = [60.0, 26.0, 14.0, 44.0];
 /// Mean width of a character of a tick label, user units.
 const CHARACTER: f64 = 7.0;
-/// Styles of series: colour and dash are in the page's style sheet as `.s0` (the truth) to `.s6`.
-pub(super) const STYLES: usize = 7;
+/// Distance of the arrows of points beyond the plot from its upper edge and from one another, user units.
+const ARROW: f64 = 5.0;
+const ARROWS: f64 = 10.0;
 
 /// How the points of a series are drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,12 +40,14 @@ pub struct Series {
     pub style: usize,
     /// Text at each point; may be shorter than the points.
     pub labels: Vec<String>,
+    /// Whether the mark of each point is hollow; may be shorter than the points.
+    pub hollow: Vec<bool>,
 }
 
 impl Series {
     /// A series without texts at its points.
     pub fn new(name: impl Into<String>, points: Vec<(f64, f64)>, mark: Mark, style: usize) -> Self {
-        Self { name: name.into(), points, mark, style, labels: Vec::new() }
+        Self { name: name.into(), points, mark, style, labels: Vec::new(), hollow: Vec::new() }
     }
 }
 
@@ -64,32 +68,70 @@ pub struct Chart {
     pub bands: Vec<[f64; 2]>,
 }
 
+/// From values to places in the drawing.
+struct Frame<'a> {
+    chart: &'a Chart,
+    x_range: [f64; 2],
+    y_range: [f64; 2],
+}
+
+impl Frame<'_> {
+    fn x(&self, x: f64) -> f64 {
+        let [left, _, right, _] = MARGINS;
+        left + self.chart.x.place(x, self.x_range).clamp(0.0, 1.0) * (WIDTH - left - right)
+    }
+
+    /// Above or below the plot where the value is.
+    fn y_unclamped(&self, y: f64) -> f64 {
+        let [_, top, _, bottom] = MARGINS;
+        HEIGHT - bottom - self.chart.y.place(y, self.y_range) * (HEIGHT - top - bottom)
+    }
+
+    fn y(&self, y: f64) -> f64 {
+        let [_, top, _, bottom] = MARGINS;
+        self.y_unclamped(y).clamp(top, HEIGHT - bottom)
+    }
+
+    /// Where a point's mark stands.
+    fn mark(&self, (x, y): (f64, f64)) -> (f64, f64) {
+        let [_, top, ..] = MARGINS;
+        let beyond = self.y_unclamped(y) < top - EDGE;
+        (self.x(x), if beyond { top + ARROW } else { self.y(y) })
+    }
+}
+
 impl Chart {
-    /// The drawing: an `svg` element, styled by the page.
+    /// The drawing: an `svg` element, styled by the page. What lies beyond the range of the vertical axis is cut off; an
+    /// arrow stands for the mark of what lies above.
     pub fn to_svg(&self) -> String {
+        let shapes: String = self.shapes().iter().map(Shape::to_svg).collect();
+        format!(
+            "<svg class=\"chart\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{}\">\n{shapes}</svg>\n",
+            escape(&self.description)
+        )
+    }
+
+    /// All that is drawn, the lowest first, within `WIDTH` and `HEIGHT`.
+    pub(super) fn shapes(&self) -> Vec<Shape> {
         let markers = self.markers.iter().map(|m| m.0);
         let x_range = self.x.fit(self.shown().map(|p| p.0).chain(markers));
-        let y_range = self.y.fit(self.shown().map(|p| p.1));
-        let [left, top, right, bottom] = MARGINS;
-        let px = |x: f64| left + self.x.place(x, x_range) * (WIDTH - left - right);
-        let py = |y: f64| HEIGHT - bottom - self.y.place(y, y_range) * (HEIGHT - top - bottom);
-        let mut svg = format!(
-            "<svg class=\"chart\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{}\">\n",
-            escape(&self.description)
-        );
-        for [from, to] in &self.bands {
-            let (x0, x1) = (px(*from), px(*to));
-            let (w, h) = ((x1 - x0).max(0.0), HEIGHT - top - bottom);
-            svg += &format!("<rect class=\"band\" x=\"{x0:.1}\" y=\"{top}\" width=\"{w:.1}\" height=\"{h:.1}\"/>\n");
-        }
-        svg += &self.axes(&px, &py, x_range, y_range);
+        let frame = Frame { chart: self, x_range, y_range: self.y.fit(self.shown().map(|p| p.1)) };
+        let [_, top, _, bottom] = MARGINS;
+        let band = |[from, to]: &[f64; 2]| {
+            let left = frame.x(*from);
+            Shape::Band([left, top, frame.x(*to).max(left), HEIGHT - bottom])
+        };
+        let mut shapes: Vec<Shape> = self.bands.iter().map(band).collect();
+        shapes.extend(self.axes(&frame));
         for (x, label) in self.markers.iter().filter(|m| self.x.shows(m.0)) {
-            svg += &marker(px(*x), label);
+            shapes.extend(marker(frame.x(*x), label));
         }
+        let mut arrows = Vec::new();
         for series in &self.series {
-            svg += &self.draw(series, &px, &py);
+            self.draw(series, &frame, &mut shapes, &mut arrows);
         }
-        svg + &self.texts(&px, &py) + "</svg>\n"
+        shapes.extend(self.texts(&frame));
+        shapes
     }
 
     /// The legend: an HTML list.
@@ -103,127 +145,141 @@ impl Chart {
         all.filter(|p| self.x.shows(p.0) && self.y.shows(p.1))
     }
 
-    fn axes(&self, px: &dyn Fn(f64) -> f64, py: &dyn Fn(f64) -> f64, x_range: [f64; 2], y_range: [f64; 2]) -> String {
+    fn axes(&self, frame: &Frame<'_>) -> Vec<Shape> {
         let [left, top, right, bottom] = MARGINS;
         let (x1, y1) = (WIDTH - right, HEIGHT - bottom);
-        let mut svg = String::new();
-        for (y, label) in self.y.ticks_in(y_range) {
-            let y = py(y);
-            svg += &format!("<path class=\"grid\" d=\"M{left} {y:.1}H{x1}\"/>");
-            svg +=
-                &format!("<text class=\"end\" x=\"{}\" y=\"{:.1}\">{}</text>\n", left - 6.0, y + 4.0, escape(&label));
+        let line =
+            |look, points: &[(f64, f64)]| Shape::Line { look, points: points.iter().copied().map(Some).collect() };
+        let mut shapes = Vec::new();
+        for (y, label) in self.y.ticks_in(frame.y_range) {
+            let y = frame.y(y);
+            shapes.push(line(Look::Grid, &[(left, y), (x1, y)]));
+            shapes.push(text("end", Letters::Plain, left - 6.0, y + 4.0, label));
         }
         let mut free = 0.0;
-        for (x, label) in self.x.ticks_in(x_range) {
-            let x = px(x);
+        for (x, label) in self.x.ticks_in(frame.x_range) {
+            let x = frame.x(x);
             if self.x.ticks.is_none() {
-                svg += &format!("<path class=\"grid\" d=\"M{x:.1} {top}V{y1}\"/>");
+                shapes.push(line(Look::Grid, &[(x, top), (x, y1)]));
             }
             let half = 0.5 * CHARACTER * label.chars().count() as f64;
             if x - half >= free {
-                let label = escape(&label);
-                svg += &format!("<text class=\"mid\" x=\"{x:.1}\" y=\"{:.1}\">{label}</text>\n", y1 + 16.0);
+                shapes.push(text("mid", Letters::Plain, x, y1 + 16.0, label));
                 free = x + half + 2.0;
             }
         }
-        svg += &format!("<path class=\"axis\" d=\"M{left} {top}V{y1}H{x1}\"/>\n");
-        let middle = (left + x1) / 2.0;
-        svg += &format!(
-            "<text class=\"mid name\" x=\"{middle}\" y=\"{}\">{}</text>\n",
-            HEIGHT - 8.0,
-            escape(&self.x.label)
-        );
-        let middle = (top + y1) / 2.0;
-        let label = escape(&self.y.label);
-        svg + &format!("<text class=\"mid name\" transform=\"translate(13 {middle}) rotate(-90)\">{label}</text>\n")
+        shapes.push(line(Look::Axis, &[(left, top), (left, y1), (x1, y1)]));
+        shapes.push(text("mid", Letters::Name, (left + x1) / 2.0, HEIGHT - 8.0, self.x.label.clone()));
+        let (anchor, letters, upright, text) = ("mid", Letters::Name, true, self.y.label.clone());
+        shapes.push(Shape::Text { anchor, letters, x: 13.0, y: (top + y1) / 2.0, upright, text });
+        shapes
     }
 
-    fn draw(&self, series: &Series, px: &dyn Fn(f64) -> f64, py: &dyn Fn(f64) -> f64) -> String {
-        let style = style_of(series.style);
+    /// `arrows` holds where arrows are.
+    fn draw(&self, series: &Series, frame: &Frame<'_>, shapes: &mut Vec<Shape>, arrows: &mut Vec<f64>) {
+        let [_, top, _, bottom] = MARGINS;
         let shown = |p: &(f64, f64)| self.x.shows(p.0) && self.y.shows(p.1);
         let places: Vec<Option<(f64, f64)>> =
-            series.points.iter().map(|p| shown(p).then(|| (px(p.0), py(p.1)))).collect();
-        let mut svg = String::new();
+            series.points.iter().map(|p| shown(p).then(|| (frame.x(p.0), frame.y_unclamped(p.1)))).collect();
         if series.mark != Mark::Points {
-            svg += &format!("<path class=\"line s{style}\" d=\"{}\"/>\n", path(places.iter().copied()));
+            shapes
+                .push(Shape::Line { look: Look::Series(series.style), points: clipped(&places, top, HEIGHT - bottom) });
         }
-        if series.mark != Mark::Line {
-            svg.extend(places.iter().flatten().map(|&(x, y)| symbol(style, x, y)));
+        if series.mark == Mark::Line {
+            return;
         }
-        svg
+        for (i, &(x, y)) in places.iter().enumerate().filter_map(|(i, p)| Some((i, p.as_ref()?))) {
+            let (style, hollow) = (series.style, series.hollow.get(i) == Some(&true));
+            if y < top - EDGE {
+                let beside = arrows.iter().filter(|a| **a == x).count() as f64;
+                arrows.push(x);
+                shapes.push(Shape::Mark { style, form: Form::Arrow, hollow, x: x + ARROWS * beside, y: top + ARROW });
+            } else if y <= HEIGHT - bottom + EDGE {
+                shapes.push(Shape::Mark { style, form: Form::Point, hollow, x, y });
+            }
+        }
     }
 
     /// The texts at the points, above all that is drawn.
-    fn texts(&self, px: &dyn Fn(f64) -> f64, py: &dyn Fn(f64) -> f64) -> String {
-        let marks: Vec<(f64, f64)> = self.shown().map(|(x, y)| (px(x), py(y))).collect();
+    fn texts(&self, frame: &Frame<'_>) -> Vec<Shape> {
+        let marks: Vec<(f64, f64)> = self.shown().map(|p| frame.mark(p)).collect();
         let labelled = self.series.iter().flat_map(|s| s.points.iter().zip(&s.labels));
         let labels: Vec<(f64, f64, &str)> = labelled
             .filter(|((x, y), label)| self.x.shows(*x) && self.y.shows(*y) && !label.is_empty())
-            .map(|(&(x, y), label)| (px(x), py(y), label.as_str()))
+            .map(|(&p, label)| (frame.mark(p).0, frame.mark(p).1, label.as_str()))
             .collect();
         let [left, top, right, bottom] = MARGINS;
         let places = label::places(&labels, &marks, [left, top, WIDTH - right, HEIGHT - bottom]);
-        let text = |(place, &(.., label)): (&label::Place, &(f64, f64, &str))| {
-            let (class, label) = (place.class, escape(label));
-            format!("<text class=\"{class} tag\" x=\"{:.1}\" y=\"{:.1}\">{label}</text>\n", place.x, place.y)
+        let tag = |(place, &(.., label)): (&label::Place, &(f64, f64, &str))| {
+            text(place.class, Letters::Tag, place.x, place.y, label.to_owned())
         };
-        places.iter().zip(&labels).map(text).collect()
+        places.iter().zip(&labels).map(tag).collect()
     }
+}
+
+/// Rounding of places, user units.
+const EDGE: f64 = 1e-6;
+
+/// A polyline without its parts above `top` and below `bottom`.
+fn clipped(points: &[Option<(f64, f64)>], top: f64, bottom: f64) -> Vec<Option<(f64, f64)>> {
+    let inside = |y: f64| y >= top - EDGE && y <= bottom + EDGE;
+    let mut out: Vec<Option<(f64, f64)>> = Vec::new();
+    for (i, &point) in points.iter().enumerate() {
+        let (Some((x, y)), before) = (point, i.checked_sub(1).and_then(|i| points[i])) else {
+            out.push(None);
+            continue;
+        };
+        if let Some((x0, y0)) = before.filter(|p| inside(p.1) != inside(y) || (p.1 < top) != (y < top)) {
+            // Where the piece crosses the edges, in the order it does.
+            let mut cuts: Vec<f64> = [top, bottom].map(|edge| (edge - y0) / (y - y0)).into();
+            cuts.retain(|t| *t > 0.0 && *t < 1.0);
+            cuts.sort_by(f64::total_cmp);
+            out.extend(cuts.into_iter().map(|t| Some((x0 + t * (x - x0), y0 + t * (y - y0)))));
+        }
+        out.push(inside(y).then_some((x, y)));
+    }
+    out
 }
 
 /// A vertical line whose text stands above the plot, away from the nearer side.
-fn marker(x: f64, label: &str) -> String {
+fn marker(x: f64, label: &str) -> [Shape; 2] {
     let [_, top, _, bottom] = MARGINS;
-    let (class, from) = if x > WIDTH / 2.0 { ("end tag", x + 4.0) } else { ("tag", x - 4.0) };
-    format!("<path class=\"marker\" d=\"M{x:.1} {}V{}\"/>", top - 6.0, HEIGHT - bottom)
-        + &format!("<text class=\"{class}\" x=\"{from:.1}\" y=\"{}\">{}</text>\n", top - 12.0, escape(label))
+    let (anchor, from) = if x > WIDTH / 2.0 { ("end", x + 4.0) } else { ("", x - 4.0) };
+    let points = vec![Some((x, top - 6.0)), Some((x, HEIGHT - bottom))];
+    [Shape::Line { look: Look::Marker, points }, text(anchor, Letters::Tag, from, top - 12.0, label.to_owned())]
 }
 
-/// The class number of a style.
-pub(super) fn style_of(style: usize) -> usize {
-    if style < STYLES { style } else { 1 + (style - 1) % (STYLES - 1) }
-}
-
-/// The `d` attribute of a polyline; it is interrupted where there is no point.
-pub(super) fn path(points: impl Iterator<Item = Option<(f64, f64)>>) -> String {
-    let mut d = String::new();
-    let mut pen = 'M';
-    for point in points {
-        match point {
-            Some((x, y)) => {
-                d += &format!("{pen}{x:.1} {y:.1}");
-                pen = 'L';
-            }
-            None => pen = 'M',
-        }
-    }
-    d
-}
-
-/// The mark of a style: circle, square, triangle or diamond.
-fn symbol(style: usize, x: f64, y: f64) -> String {
-    let shape = match style % 4 {
-        1 => "m-4 0a4 4 0 1 0 8 0a4 4 0 1 0 -8 0z",
-        2 => "m-3.5 -3.5h7v7h-7z",
-        3 => "m0 -4.5l4.5 8h-9z",
-        _ => "m0 -5l5 5l-5 5l-5 -5z",
-    };
-    format!("<path class=\"mark s{style}\" d=\"M{x:.1} {y:.1}{shape}\"/>\n")
+/// A text read as usual.
+pub(super) fn text(anchor: &'static str, letters: Letters, x: f64, y: f64, text: String) -> Shape {
+    Shape::Text { anchor, letters, x, y, upright: false, text }
 }
 
 /// A legend of styles, how they are drawn, and names.
 pub(super) fn legend<'a>(entries: impl Iterator<Item = (usize, Mark, &'a str)>) -> String {
     let mut html = String::from("<ul class=\"legend\">");
     for (style, mark, name) in entries {
-        let style = style_of(style);
-        let line = format!("<path class=\"line s{style}\" d=\"M1 7H33\"/>");
+        let line =
+            Shape::Line { look: Look::Series(style), points: vec![Some((1.0, 7.0)), Some((33.0, 7.0))] }.to_svg();
         let drawing = match mark {
             Mark::Line => line,
-            Mark::Points => symbol(style, 17.0, 7.0),
-            Mark::Both => line + &symbol(style, 17.0, 7.0),
+            Mark::Points => symbol(style, Form::Point, false, 17.0, 7.0),
+            Mark::Both => line + &symbol(style, Form::Point, false, 17.0, 7.0),
         };
         html += &format!("<li><svg class=\"key\" viewBox=\"0 0 34 14\" aria-hidden=\"true\">{drawing}</svg>");
         html += &format!("{}</li>", escape(name));
     }
     html + "</ul>\n"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_end_at_the_edges() {
+        let line = [Some((0.0, 5.0)), Some((1.0, -5.0)), Some((2.0, 15.0)), None, Some((3.0, 20.0)), Some((4.0, 30.0))];
+        let want =
+            [Some((0.0, 5.0)), Some((0.5, 0.0)), None, Some((1.25, 0.0)), Some((1.75, 10.0)), None, None, None, None];
+        assert_eq!(clipped(&line, 0.0, 10.0), want);
+    }
 }

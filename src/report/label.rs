@@ -37,6 +37,8 @@ pub(super) fn places(labels: &[(f64, f64, &str)], marks: &[(f64, f64)], plot: Ar
                 Place { class: "end", x: x - beside, y: y + 14.0 },
                 Place { class: "mid", x, y: y - 21.0 },
                 Place { class: "mid", x, y: y + 29.0 },
+                Place { class: "end", x: x + MARK, y: y + 17.0 },
+                Place { class: "", x: x - MARK, y: y + 17.0 },
             ];
             let free = |place: &&Place| {
                 let area = place.area(width);

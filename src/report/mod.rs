@@ -10,6 +10,7 @@
 mod axis;
 mod chart;
 mod demo_page;
+mod drawing;
 mod figures;
 mod fit_sections;
 mod fits;
@@ -17,9 +18,12 @@ mod heat;
 mod html;
 mod label;
 mod measured;
+mod paint;
 mod png;
 mod polar;
 mod run_page;
+mod sheet;
+mod stability;
 mod text;
 
 use thiserror::Error;
@@ -29,6 +33,8 @@ pub use chart::{Chart, Mark, Series};
 pub use fits::{Fits, MethodFit};
 pub use measured::{accuracy, conversions, converted, pictures, slices, spectrum};
 pub use png::{pattern_png, plane_png};
+pub use sheet::Sheet;
+pub use stability::StabilityReport;
 
 use crate::basis::{ConversionError, OrderError};
 use crate::calibrate::GrayCardCheck;

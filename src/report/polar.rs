@@ -1,7 +1,8 @@
 //! Slices of f_cos as half discs, the radius by its cube root: a lobe and what lies beside it are both seen.
 
 use super::Slice;
-use super::chart::{Mark, legend, path};
+use super::chart::{Mark, legend};
+use super::drawing::{path, style_of};
 use super::text::{escape, number};
 
 const WIDTH: f64 = 360.0;
@@ -60,7 +61,7 @@ pub fn polar_svg(slice: &Slice) -> String {
     let radius = |f: f64| (f / rim).clamp(0.0, 1.0).cbrt();
     let draw = |style: usize, curve: &[(f64, f64)]| {
         let points = curve.iter().map(|p| finite(&p).then(|| at(p.0, radius(p.1))));
-        format!("<path class=\"line s{}\" d=\"{}\"/>\n", super::chart::style_of(style), path(points))
+        format!("<path class=\"line s{}\" d=\"{}\"/>\n", style_of(style), path(points))
     };
     if let Some(truth) = &slice.truth {
         svg += &draw(0, truth);

@@ -2,6 +2,7 @@
 
 mod both_sides;
 mod calibrate;
+mod chart;
 mod common;
 mod compare;
 mod convert;
@@ -65,6 +66,8 @@ enum Command {
     Compare(compare::Args),
     /// Models fitted to a run, compared on one HTML page.
     Report(report::Args),
+    /// What the methods can and cannot do, from built-in materials alone: a table, a picture and a page.
+    Chart(chart::Args),
     /// A sphere or a cylinder of a material, a fit or a converted run.
     Render(render::Args),
     /// A material, a fit or a converted run as a file for other programs.
@@ -91,6 +94,7 @@ fn main() -> ExitCode {
         Command::Fit(args) => fit::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Report(args) => report::run(&args),
+        Command::Chart(args) => chart::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Export(args) => export::run(&args),
     };
