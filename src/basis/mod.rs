@@ -14,6 +14,7 @@ mod harmonics;
 mod jacobi;
 mod method;
 mod prior;
+mod projection;
 mod slepian;
 mod rotation;
 mod tensor;
@@ -25,7 +26,8 @@ pub use evidence::{Evidence, HARMLESS_GAIN, Rule};
 pub use family::Family;
 pub use harmonics::{Harmonics, MAX_ORDER, OrderError, index, lm, size};
 pub use method::{Method, Strength};
-pub use prior::{Learned, Member, Population, Projection, RingBlock, RingMap, RingMean};
+pub use prior::{Learned, Member, Population, RingBlock, RingMap, RingMean};
+pub use projection::Projection;
 pub use rotation::{ShRotation, about_normal, about_normal_variance};
 pub use slepian::{Slepian, SlepianBlock};
 pub use tensor::{

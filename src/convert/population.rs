@@ -12,7 +12,7 @@ use crate::reflectance::{Brdf, abc_materials, sgd_materials};
 /// For harmonics up to `order`, coefficients to 1e-4 of z_00: errors of those that no smooth material has are alike in all
 /// members, and would pass for knowledge.
 fn fineness(order: usize) -> Fineness {
-    Fineness { radial: 32 + order, around: 28 + order }
+    Fineness { radial: 32 + order, around: 32 + 2 * order }
 }
 
 /// Rings that are integrated at most; those between are interpolated.
