@@ -41,7 +41,7 @@ impl Projection {
         Ok(Self { blocks })
     }
 
-    /// Indices k of the cosines that are projected on, in the order of the columns of [`Population::new`].
+    /// Indices k of the cosines that are projected on, in the order of the columns of [`super::Population::new`].
     pub fn terms(&self) -> Vec<usize> {
         self.blocks.iter().flat_map(|(m, degrees, _)| degrees.iter().map(|&l| index(l, *m as i32))).collect()
     }
