@@ -1,29 +1,12 @@
 //! `zonal convert --both-sides` and what takes its files, run as a program.
 
+mod program;
+
 use std::path::PathBuf;
-use std::process::{Command, Output};
 use std::sync::LazyLock;
 
-use serde_json::Value;
+use program::{json, refused, zonal};
 use zonal::reduce::Coefficients;
-
-fn zonal(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_zonal")).current_dir(env!("CARGO_MANIFEST_DIR")).args(arguments).output().unwrap()
-}
-
-fn refused(arguments: &[&str], said: &[&str]) {
-    let output = zonal(arguments);
-    let error = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {error}");
-    assert!(output.stdout.is_empty(), "{arguments:?}");
-    assert!(said.iter().all(|s| error.contains(s)), "{arguments:?}: {error}");
-}
-
-fn json(arguments: &[&str]) -> Value {
-    let output = zonal(&[&["--json"], arguments].concat());
-    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
-    serde_json::from_slice(&output.stdout).unwrap()
-}
 
 const PLAN: &str = "format = 1\nname = \"small\"\norder = 1\nrepeats = 1\n\
     [exposure]\ncount = 2\nshortest_refreshes = 2\nspacing = 8\n[exitant]\nrings = 16\nsectors = 24\n";

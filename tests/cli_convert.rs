@@ -1,23 +1,14 @@
 //! `zonal convert` by every method and `zonal prior`, run as programs.
 
+mod program;
+
 use std::path::PathBuf;
-use std::process::{Command, Output};
 use std::sync::LazyLock;
 
-use serde_json::Value;
+use program::{json, refused};
 use zonal::basis::{Method, size};
 use zonal::reduce::Coefficients;
 use zonal::store::Layers;
-
-fn zonal(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_zonal")).current_dir(env!("CARGO_MANIFEST_DIR")).args(arguments).output().unwrap()
-}
-
-fn json(arguments: &[&str]) -> Value {
-    let output = zonal(&[&["--json"], arguments].concat());
-    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
-    serde_json::from_slice(&output.stdout).unwrap()
-}
 
 const PLAN: &str = "format = 1\nname = \"small\"\norder = 2\nrepeats = 1\n\
     [exposure]\ncount = 2\nshortest_refreshes = 2\nspacing = 8\n[exitant]\nrings = 12\nsectors = 16\n";
@@ -102,13 +93,6 @@ fn what_cannot_be_converted_is_refused() {
         refused(&["convert", &RUNS.1[0], "--method", "prior", "--prior", at, "--out", out], &[said, "prior.toml"]);
     }
     assert_eq!(std::fs::read_to_string(out).unwrap(), "old");
-}
-
-fn refused(arguments: &[&str], said: &[&str]) {
-    let output = zonal(arguments);
-    let error = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {error}");
-    assert!(said.iter().all(|s| error.contains(s)), "{arguments:?}: {error}");
 }
 
 /// Missing cells stay missing where each cell is converted by itself, and rings are followed without them.

@@ -1,35 +1,19 @@
 //! `zonal fit` and what takes its files, run as a program.
 
+mod program;
+
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
 use std::sync::LazyLock;
 
+use program::{json, refused};
 use serde_json::Value;
-
-fn zonal(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_zonal")).current_dir(env!("CARGO_MANIFEST_DIR")).args(arguments).output().unwrap()
-}
-
-fn refused(arguments: &[&str], said: &[&str]) {
-    let output = zonal(arguments);
-    let error = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {error}");
-    assert!(output.stdout.is_empty(), "{arguments:?}");
-    assert!(said.iter().all(|s| error.contains(s)), "{arguments:?}: {error}");
-}
-
-fn json(arguments: &[&str]) -> Value {
-    let output = zonal(arguments);
-    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
-    serde_json::from_slice(&output.stdout).unwrap()
-}
 
 /// One small run for all tests.
 static RUN: LazyLock<(tempfile::TempDir, PathBuf)> = LazyLock::new(|| {
     let folder = tempfile::tempdir().unwrap();
     let run = folder.path().join("run");
     let arguments = ["optics/ghosh-2007-built.toml", "patterns/order-2.toml", "--simulate", "red-plastic", "--out"];
-    json(&[&["--json", "measure"], &arguments[..], &[run.to_str().unwrap()]].concat());
+    json(&[&["measure"], &arguments[..], &[run.to_str().unwrap()]].concat());
     (folder, run)
 });
 
@@ -48,7 +32,7 @@ fn copied(to: &Path) {
 fn a_fit_goes_from_run_to_renderer() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let fit = json(&["--json", "fit", run(), "--out", &at("fit.json")]);
+    let fit = json(&["fit", run(), "--out", &at("fit.json")]);
     for key in ["model", "parameters", "standard_errors", "chi", "termination", "fit_s"] {
         assert!(!fit[key].is_null(), "{key}");
     }
@@ -56,14 +40,14 @@ fn a_fit_goes_from_run_to_renderer() {
     assert_eq!(fit["requested"], "auto");
     assert!(fit["selection"]["candidates"].as_array().unwrap().len() >= 5);
     assert!(fit["standard_errors"]["kd_r"].as_f64().unwrap() > 0.0);
-    let errors = json(&["--json", "compare", &at("fit.json"), "--truth", "red-plastic"]);
+    let errors = json(&["compare", &at("fit.json"), "--truth", "red-plastic"]);
     // 54 frames of a material the family describes: what noise and calibration leave.
     assert!(errors["rel_in"].as_f64().unwrap() < 0.02, "{errors}");
-    json(&["--json", "export", &at("fit.json"), "--format", "bsdf", "--out", &at("sample.bsdf")]);
-    json(&["--json", "render", &at("fit.json"), "--beside", "red-plastic", "--out", &at("two.png"), "--size", "32"]);
-    let dbrdf = json(&["--json", "fit", run(), "--model", "dbrdf", "--out", &at("dbrdf.json")]);
+    json(&["export", &at("fit.json"), "--format", "bsdf", "--out", &at("sample.bsdf")]);
+    json(&["render", &at("fit.json"), "--beside", "red-plastic", "--out", &at("two.png"), "--size", "32"]);
+    let dbrdf = json(&["fit", run(), "--model", "dbrdf", "--out", &at("dbrdf.json")]);
     assert_eq!(dbrdf["model"], "dbrdf");
-    json(&["--json", "export", &at("dbrdf.json"), "--format", "density", "--out", &at("p.exr")]);
+    json(&["export", &at("dbrdf.json"), "--format", "density", "--out", &at("p.exr")]);
 }
 
 #[test]
@@ -92,7 +76,7 @@ fn bad_input_is_refused_and_leaves_nothing() {
     assert!(!Path::new(&out).exists());
 
     // A fit of another zone, a damaged one, one whose search failed.
-    json(&["--json", "fit", run(), "--model", "ggx", "--out", &out]);
+    json(&["fit", run(), "--model", "ggx", "--out", &out]);
     refused(
         &["compare", &out, "--truth", "red-plastic", "--zone", "9,90"],
         &["fitted in 9.00..57.00 deg", "leave --zone out"],
@@ -117,7 +101,7 @@ fn bad_input_is_refused_and_leaves_nothing() {
     });
     refused(&["export", &out, "--format", "bsdf", "--out", &at("x.bsdf")], &["--force", "LostPatience"]);
     assert!(!Path::new(&at("x.bsdf")).exists());
-    json(&["--json", "export", &out, "--format", "bsdf", "--out", &at("x.bsdf"), "--force"]);
+    json(&["export", &out, "--format", "bsdf", "--out", &at("x.bsdf"), "--force"]);
     std::fs::write(&out, &text[..text.len() / 2]).unwrap();
     refused(&["render", &out, "--out", &at("x.png")], &["fit.json"]);
 }
