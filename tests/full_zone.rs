@@ -16,9 +16,6 @@ const NOISE: f64 = 0.01;
 const SEEDS: u64 = 2;
 /// In the hole below 9 deg, 1.2% of the hemisphere, medians of the same 100 materials move by so much from draw to draw.
 const DRAWS: f64 = 0.03;
-/// What `parity` loses there at order 6 for 8% less error in the zone: orders beyond the zonal one lean on what its series
-/// leaves out. Raised by 1 to 3 orders instead of 4 it loses 4 to 8% there, and less is gained in the zone.
-const HOLE: f64 = 0.045;
 /// Rounding where two methods are one.
 const SAME: f64 = 1e-9;
 
@@ -69,7 +66,7 @@ fn on_the_full_zone_methods_fall_together() {
             let mut evidence = Evidence::new(method, zone(90.0), order).unwrap();
             evidence.add(&vec![1.0; size(order)], &vec![1e-4; size(order)]);
             let strength = evidence.strength(Rule::Auto);
-            assert!(!method.is_tuned() || strength == Strength::Exact);
+            assert!(method != Method::Truncated || strength == Strength::Exact);
             let a = Conversion::with_strength(method, zone(90.0), order, strength).unwrap();
             let b = Conversion::new(like, zone(90.0), order).unwrap();
             assert_eq!(a.sh_order, b.sh_order);
@@ -88,7 +85,7 @@ fn on_the_full_zone_no_linear_method_is_worse_than_the_literal_dual() {
     for order in ORDERS {
         let draws = draws(&trial, order);
         let thesis = medians(&linear(&trial, Method::Thesis, order, &draws));
-        for (method, loss) in [(Method::Parity, HOLE), (Method::Hsh, 0.0)] {
+        for method in [Method::Parity, Method::Hsh] {
             let got = medians(&linear(&trial, method, order, &draws));
             let [inside, outside] = [0, 1].map(|part| got[part] / thesis[part]);
             println!(
@@ -97,7 +94,7 @@ fn on_the_full_zone_no_linear_method_is_worse_than_the_literal_dual() {
                 got[0],
                 got[1]
             );
-            assert!(inside <= 1.0 && outside <= 1.0 + loss + DRAWS, "{inside} {outside}");
+            assert!(inside <= 1.0 && outside <= 1.0 + DRAWS, "{inside} {outside}");
         }
     }
 }

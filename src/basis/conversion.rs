@@ -132,7 +132,7 @@ impl Conversion {
     /// # Errors
     /// [`ConversionError::Order`], [`ConversionError::Decomposition`] or [`ConversionError::RankDeficient`].
     pub fn new(method: Method, zone: Zone, order: usize) -> Result<Self, ConversionError> {
-        Self::with_strength(method, zone, order, method.strength())
+        Self::with_strength(method, zone, order, method.strength(zone, order)?)
     }
 
     /// The same with another strength: see [`super::Evidence`].

@@ -13,8 +13,8 @@ use crate::geometry::Zone;
 /// A rule that chooses a [`Strength`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rule {
-    /// Nothing is held back where the zone says enough (no more noise outside than [`HARMLESS_GAIN`] times that of the
-    /// zonal series); elsewhere [`Rule::Gcv`].
+    /// Nothing is cut, and curvature held down gently, where the zone says enough (no more noise outside than
+    /// [`HARMLESS_GAIN`] times that of the zonal series); elsewhere [`Rule::Gcv`].
     Auto,
     /// The strongest at which what is left out in the zone is no more than the noise (Morozov 1966).
     Discrepancy,
@@ -37,7 +37,9 @@ pub struct Evidence {
     /// Data per block: (zonal functions, cos and sin).
     data: Vec<f64>,
     spectra: usize,
-    harmless: bool,
+    /// The strength without evidence, and the one that [`Rule::Auto`] knows without asking.
+    own: Strength,
+    known: Option<Strength>,
 }
 
 /// A noise gain outside the zone that needs no remedy.
@@ -51,15 +53,17 @@ impl Evidence {
     /// # Errors
     /// As [`super::Conversion::new`].
     pub fn new(method: Method, zone: Zone, order: usize) -> Result<Self, ConversionError> {
-        let curvature = matches!(method.strength(), Strength::Curvature(_));
-        let key = Key::new(&zone, order, method.family(), method.sh_order(zone, order)?, curvature);
+        let (own, sh_order) = (method.strength(zone, order)?, method.sh_order(zone, order)?);
+        let curvature = matches!(own, Strength::Curvature(_));
+        let key = Key::new(&zone, order, method.family(), sh_order, curvature);
         let blocks = factors(&zone, key)?;
         let power = blocks.iter().map(|b| vec![[0.0; 2]; b.s.len()]).collect();
         let data = blocks.iter().map(|b| b.projected.ncols() as f64 * copies(b.m)).collect();
         // A dual that cannot be told apart does harm.
         let exact = method.is_tuned().then(|| Conversion::with_strength(method, zone, order, Strength::Exact));
         let harmless = matches!(exact, Some(Ok(c)) if c.noise_gain_out <= HARMLESS_GAIN);
-        Ok(Self { method, blocks, power, unreached: 0.0, data, spectra: 0, harmless })
+        let known = harmless.then(|| if curvature { Strength::gentle(sh_order) } else { Strength::Exact });
+        Ok(Self { method, blocks, power, unreached: 0.0, data, spectra: 0, own, known })
     }
 
     /// Adds one spectrum, (order + 1)^2 zonal coefficients and their variances; one that is not finite or has no noise says
@@ -89,11 +93,13 @@ impl Evidence {
     /// The strength that `rule` chooses; the method's own where it takes none or there is no evidence.
     pub fn strength(&self, rule: Rule) -> Strength {
         if !self.method.is_tuned() || self.spectra == 0 {
-            return self.method.strength();
+            return self.own;
+        }
+        if let (Rule::Auto, Some(known)) = (rule, self.known) {
+            return known;
         }
         let candidates = self.candidates();
         match rule {
-            Rule::Auto if self.harmless => Strength::Exact,
             Rule::Discrepancy => {
                 let noise: f64 = self.power.iter().flatten().map(|p| p[1]).sum();
                 let weakest = candidates[candidates.len() - 1];
@@ -111,7 +117,7 @@ impl Evidence {
 
     /// Strengths to choose from, strongest first.
     fn candidates(&self) -> Vec<Strength> {
-        if let Strength::Curvature(_) = self.method.strength() {
+        if let Strength::Curvature(_) = self.own {
             return (-14 * LAMBDAS..=4 * LAMBDAS)
                 .rev()
                 .map(|i| Strength::Curvature(10f64.powf(f64::from(i) / f64::from(LAMBDAS))))

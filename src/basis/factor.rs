@@ -15,6 +15,8 @@ use crate::geometry::quadrature::zone_mu_angular;
 
 /// Nodes in mu: exact to rounding for the products met up to order 50.
 const NODES: usize = 160;
+/// Weight of what is not held down; small enough to be nothing, large enough to divide by.
+const FREE: f64 = 1e-6;
 /// Decompositions kept; beyond this many all are dropped.
 const KEPT: usize = 256;
 
@@ -61,7 +63,7 @@ pub(super) struct Key {
     pub family: Family,
     /// Order of the family's functions.
     pub sh_order: usize,
-    /// Whether D = l (l + 1), the curvature of a function; else 1.
+    /// Whether D = l (l + 1) - 2, the curvature of a function beyond that of a cosine; else 1.
     pub curvature: bool,
 }
 
@@ -111,7 +113,8 @@ fn factor(
     let mut w = polar_factor(functions, m, &degrees, &zone);
     let mut decomposed = decompose(&w, m)?;
     let condition = condition(&decomposed.s);
-    let weight = |l: usize| if curvature { (l * (l + 1)).max(1) as f64 } else { 1.0 };
+    // The cosine of a Lambert surface, l = 1, has no curvature that were not its own.
+    let weight = |l: usize| if curvature { ((l * (l + 1)) as f64 - 2.0).max(FREE) } else { 1.0 };
     let inverse_weights = DVector::from_iterator(degrees.len(), degrees.iter().map(|&l| 1.0 / weight(l)));
     if curvature {
         for (mut column, w) in w.column_iter_mut().zip(inverse_weights.iter()) {

@@ -11,9 +11,11 @@ pub enum Method {
     Thesis,
     /// The same dual with the small eigenvalues of the Gram matrix cut.
     Truncated,
-    /// The harmonics that vanish at the horizon, as combinations with most of their energy in the zone; others are left out.
+    /// The harmonics that vanish at the horizon, as combinations with some of their energy in the zone; others are left out.
+    /// Where the zone tells all of them apart none is, and this is [`Method::Parity`].
     Slepian,
     /// Least squares over the zone in the SH with l + m odd, up to L + 1: those that vanish at the horizon, as f_cos does.
+    /// Where the zone tells more of them apart, up to L + 4 with curvature gently held down.
     Parity,
     /// The same up to a higher order, curvature held down.
     Tikhonov,
@@ -30,7 +32,7 @@ pub enum Strength {
     Cut(f64),
     /// Functions with less than this share of their energy in the zone are left out.
     Concentration(f64),
-    /// min |W y - Z z|^2 + lambda |l (l + 1) y|^2: the factor of the squared curvature.
+    /// min |W y - Z z|^2 + lambda |(l (l + 1) - 2) y|^2: the factor of the squared curvature, a cosine's left free.
     Curvature(f64),
 }
 
@@ -95,13 +97,25 @@ impl Method {
     }
 
     /// The strength used where no data chose one.
-    pub fn strength(self) -> Strength {
-        match self {
-            Method::Thesis | Method::Parity | Method::Hsh => Strength::Exact,
+    ///
+    /// # Errors
+    /// As [`super::Conversion::new`].
+    pub fn strength(self, zone: Zone, order: usize) -> Result<Strength, ConversionError> {
+        Ok(match self {
+            Method::Thesis | Method::Hsh => Strength::Exact,
             Method::Truncated => Strength::Cut(CUT),
-            Method::Slepian => Strength::Concentration(CONCENTRATED),
+            Method::Parity | Method::Slepian => {
+                let sh_order = self.sh_order(zone, order)?;
+                if sh_order > order + 1 {
+                    Strength::gentle(sh_order)
+                } else if self == Method::Parity {
+                    Strength::Exact
+                } else {
+                    Strength::Concentration(CONCENTRATED)
+                }
+            }
             Method::Tikhonov => Strength::Curvature(CURVATURE),
-        }
+        })
     }
 
     /// Whether data choose its strength: see [`super::Evidence`].
@@ -111,6 +125,13 @@ impl Method {
 }
 
 impl Strength {
+    /// Curvature held down so little that at the highest order, `sh_order`, it weighs as much as the data: enough to keep
+    /// functions beyond the zonal order from ringing where the zone ends.
+    pub(super) fn gentle(sh_order: usize) -> Self {
+        let highest = (sh_order * (sh_order + 1)) as f64;
+        Strength::Curvature(Family::Odd.energy() / (highest * highest))
+    }
+
     /// What a component of singular value `s` is multiplied by, in a block whose largest is `largest`; 1/s unless held back.
     pub(super) fn inverse(self, s: f64, largest: f64, family: Family) -> f64 {
         let keep = match self {
