@@ -10,7 +10,7 @@ use std::f64::consts::PI;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde_json::{Value, json};
-use zonal::basis::{Conversion, Harmonics, MAX_ORDER, Method};
+use zonal::basis::{Conversion, Harmonics, MAX_ORDER, Method, Strength};
 use zonal::geometry::quadrature::zone_mu_angular;
 use zonal::geometry::{Direction, Sample, Zone};
 
@@ -181,11 +181,17 @@ fn conversion_case(method: Method, name: &str, zone: Zone, order: usize) -> Valu
         })
         .collect();
     let matrix = match method {
-        Method::Parity => CONVERSION,
+        Method::Parity | Method::Tikhonov => CONVERSION,
         _ => UNITS * conversion.condition * f64::EPSILON,
+    };
+    let lambda = match conversion.strength {
+        Strength::Curvature(lambda) => lambda,
+        Strength::Exact => 0.0,
+        strength => panic!("{strength:?} has no peer"),
     };
     json!({
         "name": format!("{} {name} order {order}", method.name()),
+        "lambda": lambda,
         "a": zone.cos_min(),
         "b": zone.cos_max(),
         "order": order,
@@ -196,9 +202,14 @@ fn conversion_case(method: Method, name: &str, zone: Zone, order: usize) -> Valu
 }
 
 #[test]
-fn parity_conversions_agree_with_fifty_digits() {
-    let cases = zones().map(|(name, zone)| [4, 8].map(|order| conversion_case(Method::Parity, name, zone, order)));
-    common::ask("peer_conversion.py", &json!(cases.concat()));
+fn parity_and_tikhonov_conversions_agree_with_fifty_digits() {
+    let mut cases = Vec::new();
+    for method in [Method::Parity, Method::Tikhonov] {
+        for (name, zone) in zones() {
+            cases.extend([4, 8].map(|order| conversion_case(method, name, zone, order)));
+        }
+    }
+    common::ask("peer_conversion.py", &json!(cases));
 }
 
 /// Where the literal dual is well conditioned, its digits are lost to the condition number and to nothing else.

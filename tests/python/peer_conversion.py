@@ -1,6 +1,7 @@
 """The change from zonal functions to SH against 50 digits: `peer_conversion.py cases.json`, from tests/peers_basis.rs.
 
-Per block: G and B (integrals of products) and C = G^-1 B, each relative to its own largest entry.
+Per block: G and B (integrals of products) and C = (G + lambda D^2)^-1 B with D = l (l + 1) - 2, each relative to its own
+largest entry.
 """
 import json
 import sys
@@ -28,7 +29,8 @@ def main():
                 again = mixed(zone, m, degrees, columns, nodes=260)
                 if error(again, want["mixed"]) > 1e-25:
                     sys.exit(f"{case['name']}: the peer's own integrals have not converged")
-            want["matrix"] = mp.inverse(want["gram"]) * want["mixed"]
+            held = mp.diag([mp.mpf(case["lambda"]) * (l * (l + 1) - 2) ** 2 for l in degrees])
+            want["matrix"] = mp.inverse(want["gram"] + held) * want["mixed"]
             for key in worst:
                 e = error(block[key], want[key])
                 if not e <= worst[key]:
