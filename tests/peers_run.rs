@@ -14,7 +14,6 @@ use zonal::basis::{Conversion, Method};
 use zonal::capture::RunFolder;
 use zonal::export::ShMaterial;
 use zonal::geometry::{Direction, Sample};
-use zonal::measure::{Provenance, measure};
 use zonal::patterns::{Exitant, ExposureBracket, Plan};
 use zonal::reflectance::open;
 use zonal::twin::{TwinBench, TwinConfig};
@@ -31,15 +30,13 @@ fn a_run_is_read_by_python_and_means_the_same() {
     let config = TwinConfig::pinhole(11);
     let calibration = common::calibrated(&rig, &config);
     let plan = Plan {
-        exposure: ExposureBracket { count: 2, shortest_refreshes: 2, spacing: 8 },
+        exposure: Some(ExposureBracket { count: 2, shortest_refreshes: 2, spacing: 8 }),
         exitant: Exitant { rings: 8, sectors: 12 },
         ..Plan::of_order(2)
     };
     let mut bench = TwinBench::new(&rig, config, open("ggx-0.1-0.4").unwrap());
-    let provenance = Provenance { sample: "ggx-0.1-0.4".into(), simulation: None };
-    let mut record = RunFolder::create(&run, false).unwrap();
-    let measured =
-        measure(&rig, &plan, &mut bench, &calibration, provenance, Some(&mut record), &mut |_, _, _| ()).unwrap();
+    let record = RunFolder::create(&run, false).unwrap();
+    let measured = common::measured(&rig, &plan, &mut bench, &calibration, Some(&record)).unwrap();
     let conversion = Conversion::new(Method::Parity, rig.zone(), plan.order).unwrap();
     ShMaterial::new(&measured.coefficients, &conversion).write(&sh).unwrap();
 

@@ -3,7 +3,7 @@
 mod common;
 
 use zonal::capture::RunFolder;
-use zonal::measure::{Provenance, measure, reduce_run};
+use zonal::measure::reduce_run;
 use zonal::patterns::Plan;
 use zonal::reflectance::open;
 use zonal::twin::{TwinBench, TwinConfig};
@@ -20,9 +20,8 @@ fn coefficients_do_not_depend_on_threads_and_can_be_reduced_again() {
         let path = dir.path().join(format!("run-{threads}"));
         let measured = pool.install(|| {
             let mut bench = TwinBench::new(&rig, config.clone(), open("ggx-0.2").unwrap());
-            let mut folder = RunFolder::create(&path, false).unwrap();
-            let provenance = Provenance { sample: "ggx-0.2".into(), simulation: None };
-            measure(&rig, &plan, &mut bench, &calibration, provenance, Some(&mut folder), &mut |_, _, _| ()).unwrap()
+            let folder = RunFolder::create(&path, false).unwrap();
+            common::measured(&rig, &plan, &mut bench, &calibration, Some(&folder)).unwrap()
         });
         (path, measured)
     };
@@ -36,5 +35,6 @@ fn coefficients_do_not_depend_on_threads_and_can_be_reduced_again() {
     assert_eq!(bits(&again.values), bits(&one.coefficients.values));
     assert_eq!(record.noise_rel, one.record.noise_rel);
     let journal = std::fs::read_to_string(path.join("journal.jsonl")).unwrap();
-    assert_eq!(journal.lines().count(), plan.frames());
+    assert_eq!(journal.lines().filter(|line| line.contains(r#""event":"frame""#)).count(), plan.frames());
+    assert!(!path.join("pending").exists());
 }

@@ -7,10 +7,12 @@ use serde::{Deserialize, Serialize};
 
 use super::CalibrateError;
 use crate::basis::size;
-use crate::capture::{Bench, Crop, Engine, Placement, Progress, ResponseImage, capture_sequence};
+use crate::capture::{
+    Bench, Bracket, Control, Crop, Engine, Placement, Progress, ResponseImage, Run, capture_sequence,
+};
 use crate::geometry::{ExitantGrid, Zone};
 use crate::optics::Rig;
-use crate::patterns::{LobePair, Lobes, Pattern, Plan, Timing};
+use crate::patterns::{Exitant, LobePair, Lobes, Pattern, Plan, Timing};
 use crate::radiometry::{FlatField, Response};
 use crate::reduce::{CellMap, ChannelScale, Coefficients, Reducer};
 
@@ -179,6 +181,18 @@ pub fn gray_card_coefficients(zone: Zone, order: usize, albedo: f64) -> Vec<f64>
     z
 }
 
+/// The plan the gray card is measured with: order 2, on the finest of a few exitant grids that the camera can fill.
+pub fn gray_card_plan(rig: &Rig) -> Plan {
+    let plan = Plan::of_order(2);
+    let Exitant { rings, sectors } = plan.exitant;
+    let grids = [1, 2, 4, 8].map(|n| Exitant { rings: rings / n, sectors: sectors / n });
+    let fills = |e: &Exitant| {
+        CellMap::new(rig, Crop::of_zone(rig), ExitantGrid::new(rig.zone(), e.rings, e.sectors)).is_ok()
+    };
+    // Where none does, the finest tells why.
+    Plan { exitant: grids.into_iter().find(fills).unwrap_or(plan.exitant), ..plan }
+}
+
 /// Measures the gray card and scales every channel so that its z_00 is right; the other coefficients check the rig.
 ///
 /// # Errors
@@ -201,7 +215,12 @@ pub fn gray_card(
     let gains = pairs.iter().map(|p| p.gain).collect();
     let mut reducer =
         Reducer::new(cells, plan.order, gains, ChannelScale::unit(), format!("gray card; rig {}", rig.name));
-    Engine::new(rig, bench).run(plan, &patterns, None, progress, |lobe, image| reducer.add(lobe, &image))?;
+    let exposures_s = plan.exposures_s(&Timing::of(rig));
+    let longest_s = exposures_s.iter().copied().fold(0.0, f64::max);
+    let mut exposer = Bracket(exposures_s);
+    let crop = Crop::of_zone(rig);
+    let run = Run { patterns: &patterns, repeats: plan.repeats, exposer: &mut exposer, longest_s, crop, folder: None };
+    Engine::new(rig, bench, Control::default()).run(run, progress, |lobe, image| reducer.add(lobe, &image))?;
     let raw = reducer.finish()?;
     let want = gray_card_coefficients(rig.zone(), plan.order, GRAY_CARD_ALBEDO)[0];
     let scale = ChannelScale { coefficients: [0, 1, 2].map(|c| scale_curve(&raw, c, want)) };

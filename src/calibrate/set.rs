@@ -7,7 +7,6 @@ use serde::{Deserialize, Serialize};
 use super::{CalibrateError, GrayCardCheck, procedures};
 use crate::capture::{Bench, Progress};
 use crate::optics::Rig;
-use crate::patterns::Plan;
 use crate::radiometry::{FlatField, Response};
 use crate::reduce::ChannelScale;
 use crate::store::{self, Layers, Plane, StoreError};
@@ -60,7 +59,7 @@ impl CalibrationSet {
     pub fn make(rig: &Rig, bench: &mut dyn Bench, progress: &mut Progress<'_>) -> Result<Self, CalibrateError> {
         let response = procedures::response(rig, bench)?;
         let flat = procedures::flat_field(rig, bench)?;
-        let (scale, check) = procedures::gray_card(rig, bench, &Plan::of_order(2), &response, &flat, progress)?;
+        let (scale, check) = procedures::gray_card(rig, bench, &procedures::gray_card_plan(rig), &response, &flat, progress)?;
         Ok(Self { response, flat, scale, check })
     }
 

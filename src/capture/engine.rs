@@ -1,124 +1,388 @@
-//! The engine: shows patterns, takes frames, merges them, keeps what must not be lost.
+//! The engine: shows patterns, takes frames, keeps what must not be lost, and leaves merging to a worker.
 
-use super::{Bench, CaptureError, Crop, Frame, JournalEntry, ResponseImage, RunFolder};
+use std::sync::Arc;
+use std::sync::mpsc::SyncSender;
+use std::thread;
+use std::time::Duration;
+
+use super::acquisition::{Accepted, Acquisition, Effort, Refused, Taken};
+use super::journal::{FrameEntry, Journal, JournalEntry, Recorded};
+use super::state::{Control, Input, State};
+use super::worker::{LobeFrames, Pair, Worker, channel};
+use super::{Bench, CaptureError, Crop, Exposer, ResponseImage, RunFolder};
 use crate::optics::Rig;
-use crate::patterns::{Event, Lobe, Pattern, Plan, Timing};
-use crate::radiometry::Sensor;
+use crate::patterns::{Lobe, Pattern, Sign};
 
-/// Told of every frame: how many are done, how many there are, and the rig's remaining seconds.
-pub type Progress<'a> = dyn FnMut(usize, usize, f64) + 'a;
+/// Told of every frame: how many are done, how many there are (an estimate while exposures are chosen on the way).
+pub type Progress<'a> = dyn FnMut(usize, usize) + 'a;
 
-/// Relative difference between the exposure asked for and the one set that is still the plan's exposure.
-const EXPOSURE_TOLERANCE: f64 = 1e-3;
+/// How often a paused run looks whether it may go on.
+const PAUSE_POLL: Duration = Duration::from_millis(20);
+
+/// What a run shows and keeps.
+pub struct Run<'a> {
+    /// Frames in the order positive and negative lobe of every function.
+    pub patterns: &'a [Pattern],
+    /// How often all of them are taken.
+    pub repeats: usize,
+    /// Chooses exposures.
+    pub exposer: &'a mut dyn Exposer,
+    /// The longest exposure there can be, s.
+    pub longest_s: f64,
+    /// The part of the sensor that is merged.
+    pub crop: Crop,
+    /// Where frames are journaled and responses stored as they come; what it holds already is not taken again.
+    pub folder: Option<&'a RunFolder>,
+}
+
+/// What a session of a run was like.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct RunSummary {
+    /// What the engine cost.
+    pub effort: Effort,
+    /// Frames taken in all sessions.
+    pub frames: usize,
+    /// Frames that were no good in all sessions.
+    pub rejected: usize,
+    /// From the projector's word to its light, s.
+    pub latency_s: f64,
+    /// Whether a coded patch proved every frame.
+    pub tagged: bool,
+    /// Least and greatest light of the lamp relative to the start of the run.
+    pub light: [f64; 2],
+    /// Standard error of the lamp's light, relative.
+    pub light_sigma: f64,
+}
 
 /// Runs plans on a bench.
 pub struct Engine<'a> {
     rig: &'a Rig,
     bench: &'a mut dyn Bench,
+    control: Control,
+    state: State,
 }
 
 impl<'a> Engine<'a> {
-    /// An engine for the devices of a rig.
-    pub fn new(rig: &'a Rig, bench: &'a mut dyn Bench) -> Self {
-        Self { rig, bench }
+    /// An engine for the devices of a rig, steered by `control`.
+    pub fn new(rig: &'a Rig, bench: &'a mut dyn Bench, control: Control) -> Self {
+        Self { rig, bench, control, state: State::Idle }
     }
 
-    /// Shows every lobe of `plan` and hands its HDR response, the mean over repeats, to `sink`, in the plan's order.
-    ///
-    /// `patterns` holds the frames in the order of [`Plan::lobes`]. With a folder, frames are journaled and responses
-    /// stored as they come; `sink` gets them as stored.
+    /// Where it is.
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    /// Takes every frame of `run` and hands each lobe's HDR response, the mean over repeats, to `sink`, in the plan's order,
+    /// while further frames are taken. With a folder, `sink` gets responses as stored.
     ///
     /// # Errors
-    /// [`CaptureError`]; what was stored until then stays.
+    /// [`CaptureError`]; what was stored until then stays and need not be taken again.
     pub fn run(
         &mut self,
-        plan: &Plan,
-        patterns: &[Pattern],
-        mut folder: Option<&mut RunFolder>,
+        mut run: Run<'_>,
         progress: &mut Progress<'_>,
-        mut sink: impl FnMut(Lobe, ResponseImage),
-    ) -> Result<(), CaptureError> {
-        let timing = Timing::of(self.rig);
-        let events: Vec<Event> = plan.events(&timing).collect();
-        let crop = Crop::of_zone(self.rig);
-        let sensor = sensor(self.rig);
-        let total_s = plan.rig_time(&timing).total_s();
-        self.bench.projector().load(patterns)?;
-        let stacks = events.chunk_by(|a, b| a.repeat == b.repeat && a.lobe == b.lobe);
-        let mut pending: Vec<Vec<ResponseImage>> = vec![Vec::new(); patterns.len()];
-        let mut done = 0;
-        for (position, stack) in stacks.enumerate() {
-            let shown = position % patterns.len();
-            self.bench.projector().show(shown)?;
-            let mut frames = Vec::with_capacity(stack.len());
-            for event in stack {
-                let frame = expose(self.bench, self.rig, event.exposure_s)?;
-                if let Some(folder) = folder.as_deref_mut() {
-                    folder.record(&JournalEntry::new(event, &frame), &frame)?;
-                }
-                frames.push(frame);
-                done += 1;
-                progress(done, events.len(), total_s * (1.0 - done as f64 / events.len() as f64));
+        sink: impl FnMut(Lobe, ResponseImage) + Send,
+    ) -> Result<RunSummary, CaptureError> {
+        self.enter(Input::Begin);
+        let checked = self.check(&run);
+        let (mut devices, journal, recorded) = match checked {
+            Ok(checked) => checked,
+            Err(error) => {
+                self.enter(Input::Fault);
+                return Err(error);
             }
-            pending[shown].push(ResponseImage::merge(&sensor, crop, &frames));
-            if pending[shown].len() == plan.repeats {
-                let response = ResponseImage::mean(&std::mem::take(&mut pending[shown]));
-                let lobe = stack[0].lobe;
-                let response = match folder.as_deref_mut() {
-                    Some(folder) => folder.keep_response(&lobe, &response)?,
-                    None => response.as_stored(),
-                };
-                sink(lobe, response);
+        };
+        self.enter(Input::Checked);
+        let mut session = Session { journal, recorded, light: [f64::INFINITY, f64::NEG_INFINITY], index: 0 };
+        let result = self.session(&mut run, &mut devices, &mut session, progress, sink);
+        match &result {
+            Ok(()) => self.enter(Input::Stored),
+            Err(CaptureError::Stopped { .. }) => self.enter(Input::Abort),
+            Err(_) => self.enter(Input::Fault),
+        }
+        if let (Err(error), Some(journal)) = (&result, &mut session.journal) {
+            // The error itself is reported; on a full disk this line is lost too.
+            let _ = journal.append(&JournalEntry::Stopped { reason: error.to_string() });
+        }
+        let restored = devices.restore();
+        self.enter(if restored.is_ok() { Input::Restored } else { Input::Fault });
+        result.and(restored)?;
+        Ok(RunSummary {
+            effort: devices.effort,
+            frames: session.index,
+            rejected: session.recorded.rejected + devices.effort.rejected,
+            latency_s: devices.latency_s,
+            tagged: devices.tag.is_some(),
+            light: session.light,
+            light_sigma: devices.lamp.sigma(),
+        })
+    }
+
+    /// All that can be found out before anything moves.
+    fn check(&mut self, run: &Run<'_>) -> Result<(Acquisition<'a>, Option<Journal>, Recorded), CaptureError> {
+        let mut exposures = run.exposer.first();
+        exposures.push(run.longest_s);
+        let journal = run.folder.map(RunFolder::journal).transpose()?;
+        let (journal, recorded) = journal.map_or((None, Recorded::default()), |(j, r)| (Some(j), r));
+        Ok((Acquisition::open(self.rig, self.bench, &exposures)?, journal, recorded))
+    }
+
+    fn session(
+        &mut self,
+        run: &mut Run<'_>,
+        devices: &mut Acquisition<'_>,
+        session: &mut Session,
+        progress: &mut Progress<'_>,
+        sink: impl FnMut(Lobe, ResponseImage) + Send,
+    ) -> Result<(), CaptureError> {
+        let recorded = &session.recorded;
+        devices.prepare(run.patterns, run.longest_s, recorded.first_contrast, recorded.next_sequence())?;
+        devices.recall_lamp(&recorded.in_order);
+        let entry = JournalEntry::Prepared {
+            latency_s: devices.latency_s,
+            tag_level: devices.tag_level,
+            tag_contrast: devices.tag.as_ref().map(super::TagModel::total),
+        };
+        session.journal.as_mut().map_or(Ok(()), |j| j.append(&entry))?;
+        self.enter(Input::Prepared);
+        let functions = run.patterns.len() / 2;
+        let worker = Worker {
+            sensor: devices.sensor,
+            crop: run.crop,
+            repeats: run.repeats,
+            folder: run.folder,
+            memory: vec![Vec::new(); functions],
+            sink,
+        };
+        let (sender, receiver) = channel();
+        thread::scope(|scope| {
+            let worker = scope.spawn(|| worker.run(receiver));
+            let alive = || !worker.is_finished();
+            let taken = self.pairs(run, devices, session, progress, &sender, &alive);
+            drop(sender);
+            if taken.is_ok() {
+                self.enter(Input::Exhausted);
+            }
+            let merged = worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+            // Where the worker failed, that is why frames could not be handed over.
+            merged.and(taken)
+        })
+    }
+
+    fn pairs(
+        &mut self,
+        run: &mut Run<'_>,
+        devices: &mut Acquisition<'_>,
+        session: &mut Session,
+        progress: &mut Progress<'_>,
+        worker: &SyncSender<Pair>,
+        alive: &dyn Fn() -> bool,
+    ) -> Result<(), CaptureError> {
+        let functions = run.patterns.len() / 2;
+        let total = run.repeats * functions * run.exposer.expected_frames();
+        let send = |pair| worker.send(pair).map_err(|_| CaptureError::Stopped { done: 0, total });
+        for repeat in 0..run.repeats {
+            for k in 0..functions {
+                let lobes = [Sign::Positive, Sign::Negative].map(|sign| Lobe { k, sign });
+                let stored =
+                    run.folder.is_some_and(|folder| lobes.iter().all(|l| folder.response_path(l, repeat).is_file()));
+                if stored {
+                    session.skip(repeat, &lobes);
+                    progress(session.index, total.max(session.index));
+                    send(Pair { k, repeat, lobes: [LobeFrames::Stored, LobeFrames::Stored] })?;
+                    continue;
+                }
+                let after = if k + 1 < functions { Some(2 * k + 2) } else { (repeat + 1 < run.repeats).then_some(0) };
+                let mut frames: [Vec<(usize, Taken)>; 2] = [Vec::new(), Vec::new()];
+                let first = run.exposer.first();
+                let adaptive = run.exposer.is_adaptive();
+                let mut stages =
+                    vec![(0, first.clone(), Some(2 * k + 1)), (1, first, after.filter(|_| !adaptive))];
+                let mut stage = 0;
+                while stage < stages.len() {
+                    let (i, exposures, next) = stages[stage].clone();
+                    let lobe = lobes[i];
+                    let before = frames[i].len();
+                    let mut step = Step { engine: self, session, run, progress, alive, total };
+                    frames[i].extend(step.lobe(devices, repeat, lobe, before, &exposures, next)?);
+                    stage += 1;
+                    if stage == 2 && adaptive {
+                        let merged = frames.each_ref().map(|frames| {
+                            let taken: Vec<Taken> = frames.iter().map(|(_, taken)| taken.clone()).collect();
+                            ResponseImage::merge(&devices.sensor, run.crop, &taken)
+                        });
+                        let more = run.exposer.further(k, merged.each_ref());
+                        if !more.is_empty() {
+                            stages.push((1, more.clone(), Some(2 * k)));
+                            stages.push((0, more, after));
+                        }
+                    }
+                }
+                send(Pair { k, repeat, lobes: frames.map(LobeFrames::Taken) })?;
             }
         }
         Ok(())
     }
-}
 
-/// Shows patterns one after the other and merges `exposures_s` of each over `crop`: what calibrations are made of.
-///
-/// # Errors
-/// [`CaptureError`].
-pub fn capture_sequence(
-    rig: &Rig,
-    bench: &mut dyn Bench,
-    patterns: &[Pattern],
-    exposures_s: &[f64],
-    crop: Crop,
-) -> Result<Vec<ResponseImage>, CaptureError> {
-    let sensor = sensor(rig);
-    bench.projector().load(patterns)?;
-    (0..patterns.len())
-        .map(|i| {
-            bench.projector().show(i)?;
-            let frames = exposures_s.iter().map(|&e| expose(bench, rig, e)).collect::<Result<Vec<_>, _>>()?;
-            Ok(ResponseImage::merge(&sensor, crop, &frames))
-        })
-        .collect()
-}
-
-fn expose(bench: &mut dyn Bench, rig: &Rig, wanted_s: f64) -> Result<Frame, CaptureError> {
-    let achieved_s = bench.camera().set_exposure(wanted_s)?;
-    // Negated so that NaN fails.
-    let relative = (achieved_s / wanted_s - 1.0).abs();
-    if relative.is_nan() || relative > EXPOSURE_TOLERANCE {
-        return Err(CaptureError::Exposure { wanted_s, achieved_s });
+    fn enter(&mut self, input: Input) {
+        self.state = self.state.after(input).unwrap_or_else(|| panic!("{input:?} cannot happen while {}", self.state));
     }
-    let frame = bench.camera().grab()?;
-    let (width, height) = (rig.camera.width_px, rig.camera.height_px);
-    if (frame.width, frame.height) != (width, height) || frame.samples.len() != width * height {
-        return Err(CaptureError::FrameSize { got_width: frame.width, got_height: frame.height, width, height });
-    }
-    Ok(frame)
 }
 
-/// The sensor's figures as the HDR estimate needs them.
-fn sensor(rig: &Rig) -> Sensor {
-    let c = &rig.camera;
-    Sensor {
-        gain_dn_per_e: c.gain_dn_per_e,
-        dark_noise_e: c.dark_noise_e,
-        black_level_dn: c.black_level_dn,
-        limit_dn: c.linear_limit_dn,
+/// One session's share of a run.
+struct Session {
+    journal: Option<Journal>,
+    recorded: Recorded,
+    light: [f64; 2],
+    /// Frames done, and the position of the next.
+    index: usize,
+}
+
+impl Session {
+    fn seen(&mut self, light: f64) {
+        self.light = [self.light[0].min(light), self.light[1].max(light)];
+    }
+
+    /// Counts the frames of a pair that an earlier session took.
+    fn skip(&mut self, repeat: usize, lobes: &[Lobe; 2]) {
+        for lobe in lobes {
+            for exposure in 0.. {
+                let Some(frame) = self.recorded.frame(repeat, *lobe, exposure) else { break };
+                let light = frame.light;
+                self.seen(light);
+                self.index += 1;
+            }
+        }
+    }
+}
+
+/// What taking the frames of one lobe needs.
+struct Step<'s, 'a, 'r, 'p> {
+    engine: &'s mut Engine<'a>,
+    session: &'s mut Session,
+    run: &'s Run<'r>,
+    progress: &'s mut Progress<'p>,
+    alive: &'s dyn Fn() -> bool,
+    total: usize,
+}
+
+impl Step<'_, '_, '_, '_> {
+    /// Frames of a lobe with these exposures, the first of which is its exposure number `number`; those an earlier session
+    /// took are read, the others taken.
+    fn lobe(
+        &mut self,
+        devices: &mut Acquisition<'_>,
+        repeat: usize,
+        lobe: Lobe,
+        number: usize,
+        exposures: &[f64],
+        next: Option<usize>,
+    ) -> Result<Vec<(usize, Taken)>, CaptureError> {
+        let mut frames: Vec<Option<(usize, Taken)>> = vec![None; exposures.len()];
+        let first = self.session.index;
+        if let Some(folder) = self.run.folder {
+            for (j, slot) in frames.iter_mut().enumerate() {
+                if let Some(entry) = self.session.recorded.frame(repeat, lobe, number + j).copied() {
+                    *slot = Some((first + j, folder.pending(&entry, self.run.crop)?));
+                    self.session.seen(entry.light);
+                }
+            }
+        }
+        let missing: Vec<usize> = (0..exposures.len()).filter(|&j| frames[j].is_none()).collect();
+        let wanted: Vec<f64> = missing.iter().map(|&j| exposures[j]).collect();
+        self.session.index += exposures.len() - missing.len();
+        let shown = 2 * lobe.k + usize::from(lobe.sign == Sign::Negative);
+        let mut at = missing.first().copied().unwrap_or(0);
+        let result = if wanted.is_empty() {
+            Ok(())
+        } else {
+            devices.take(shown, &wanted, next, &mut |i, frame| {
+                at = missing[i];
+                let index = first + at;
+                match frame {
+                    Ok(accepted) => {
+                        frames[at] = Some((index, self.keep(index, repeat, lobe, number + at, accepted)?));
+                    }
+                    Err(refused) => self.note(index, lobe, wanted[i], refused)?,
+                }
+                self.steered()
+            })
+        };
+        result.map_err(|source| match source {
+            stop @ CaptureError::Stopped { .. } => stop,
+            source => CaptureError::At {
+                index: first + at,
+                lobe: lobe.stem(),
+                exposure_ms: 1e3 * exposures[at],
+                source: Box::new(source),
+            },
+        })?;
+        Ok(frames.into_iter().map(|f| f.expect("taken, or the loop would not have ended")).collect())
+    }
+
+    fn keep(
+        &mut self,
+        index: usize,
+        repeat: usize,
+        lobe: Lobe,
+        exposure: usize,
+        accepted: Accepted,
+    ) -> Result<Taken, CaptureError> {
+        let Accepted { frame, light, reading } = accepted;
+        let crop = self.run.crop;
+        let samples = Acquisition::cut(&frame, crop);
+        if let (Some(folder), Some(journal)) = (self.run.folder, &mut self.session.journal) {
+            let entry = FrameEntry {
+                index,
+                repeat,
+                lobe,
+                exposure,
+                exposure_s: frame.exposure_s,
+                gain: frame.gain,
+                sequence: frame.sequence,
+                timestamp_s: frame.timestamp_s,
+                light,
+                light_reading: reading,
+            };
+            folder.keep_pending(&entry, crop, &samples)?;
+            journal.append(&JournalEntry::Frame(entry))?;
+        }
+        self.session.seen(light);
+        self.session.index += 1;
+        (self.progress)(self.session.index, self.total.max(self.session.index));
+        let exposure_s = frame.exposure_s;
+        let whole = self.run.folder.is_some_and(RunFolder::keeps_frames).then(|| Arc::new(frame));
+        Ok(Taken { samples, exposure_s, light, frame: whole })
+    }
+
+    fn note(
+        &mut self,
+        index: usize,
+        lobe: Lobe,
+        exposure_s: f64,
+        refused: Refused,
+    ) -> Result<(), CaptureError> {
+        let Refused { reason, sequence } = refused;
+        let entry = JournalEntry::Rejected { index, lobe, exposure_s, sequence, reason: reason.to_string() };
+        Ok(self.session.journal.as_mut().map_or(Ok(()), |j| j.append(&entry))?)
+    }
+
+    /// Does what was asked from outside, between two frames.
+    fn steered(&mut self) -> Result<(), CaptureError> {
+        let stopped = CaptureError::Stopped { done: self.session.index, total: self.total };
+        let control = self.engine.control.clone();
+        if control.paused() {
+            self.engine.enter(Input::Pause);
+            self.session.journal.as_mut().map_or(Ok(()), |j| j.append(&JournalEntry::Paused))?;
+            while control.paused() && (self.alive)() {
+                thread::sleep(PAUSE_POLL);
+            }
+            if !control.aborted() {
+                self.session.journal.as_mut().map_or(Ok(()), |j| j.append(&JournalEntry::Resumed))?;
+                self.engine.enter(Input::Resume);
+            }
+        }
+        if control.aborted() || !(self.alive)() { Err(stopped) } else { Ok(()) }
     }
 }

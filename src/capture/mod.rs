@@ -1,20 +1,36 @@
 //! Cameras and projectors as traits, and the engine that runs a plan on them.
 
+mod acquisition;
+mod device;
 mod engine;
+mod exposer;
+mod free_running;
+mod journal;
+mod prepare;
 mod response_image;
 mod run_folder;
+mod sequence;
+mod state;
+mod tag_reader;
+mod worker;
 
-use std::fmt;
-
-use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::patterns::Pattern;
 use crate::store::StoreError;
 
-pub use engine::{Engine, Progress, capture_sequence};
+pub use acquisition::{Effort, Rejection, Taken, sensor};
+pub use device::{
+    Bench, Camera, CameraFactory, CameraLimits, Clock, Frame, FrameFlags, Placement, Projector, ProjectorFactory,
+    ProjectorLimits, Triggering,
+};
+pub use engine::{Engine, Progress, Run, RunSummary};
+pub use exposer::{Bracket, Exposer};
+pub use journal::{Journal, JournalEntry, Recorded};
 pub use response_image::{Crop, ResponseImage};
-pub use run_folder::{JournalEntry, RUN_FORMAT, RunFolder};
+pub use run_folder::{RUN_FORMAT, RunFolder};
+pub use sequence::capture_sequence;
+pub use state::{Control, Input, State};
+pub use tag_reader::{TagModel, TagReading, Verdict};
 
 /// Why a capture ended early.
 #[derive(Debug, Error)]
@@ -29,19 +45,17 @@ pub enum CaptureError {
         /// Cause and remedy.
         reason: String,
     },
-    /// A frame does not have the size the rig file states.
-    #[error(
-        "the camera delivers {got_width} x {got_height} px, the rig file says {width} x {height}: correct the rig file"
-    )]
-    FrameSize {
-        /// Columns delivered.
-        got_width: usize,
-        /// Rows delivered.
-        got_height: usize,
-        /// Columns expected.
-        width: usize,
-        /// Rows expected.
-        height: usize,
+    /// A device cannot do what rig and plan ask for.
+    #[error("the {device} {name} {problem}: {remedy}")]
+    Limits {
+        /// `camera` or `projector`.
+        device: &'static str,
+        /// Its name.
+        name: String,
+        /// What it cannot do.
+        problem: String,
+        /// What to change.
+        remedy: &'static str,
     },
     /// The camera cannot take the exposure the plan wants.
     #[error("the camera sets {achieved_s} s where the plan wants {wanted_s} s: change the plan's exposures")]
@@ -51,91 +65,66 @@ pub enum CaptureError {
         /// Exposure time set, s.
         achieved_s: f64,
     },
+    /// Nothing of the coded patch can be read.
+    #[error(
+        "the camera does not see the coded patch ({problem}): put a white, better a retro-reflective ring around the \
+         sample beyond the paraboloid's shadow, or set `tag = false` in the rig's [projector] if there is no room for one"
+    )]
+    NoTag {
+        /// What was seen instead.
+        problem: String,
+    },
+    /// The projector does not change what it shows.
+    #[error(
+        "the projector still shows its former frame {waited_s:.1} s after it was asked for another: is it frozen, on \
+         another input or mirrored to another screen? Then resume the run"
+    )]
+    Frozen {
+        /// Time waited, s.
+        waited_s: f64,
+    },
+    /// Frame after frame was no good.
+    #[error(
+        "{count} frames in a row were no good ({reasons}): check the cable, the bandwidth and other users of the camera, \
+         then resume the run"
+    )]
+    Rejected {
+        /// How many.
+        count: usize,
+        /// Why, the commonest first.
+        reasons: String,
+    },
+    /// Somebody asked to stop.
+    #[error("stopped on request after {done} of {total} frames: resume with the same command and --resume")]
+    Stopped {
+        /// Frames taken.
+        done: usize,
+        /// Frames planned.
+        total: usize,
+    },
+    /// Where in a run something else went wrong.
+    #[error("frame {index} ({lobe}, exposure {exposure_ms:.1} ms): {source}")]
+    At {
+        /// Position of the frame in the run.
+        index: usize,
+        /// What was shown.
+        lobe: String,
+        /// Exposure time, ms.
+        exposure_ms: f64,
+        /// What went wrong.
+        source: Box<CaptureError>,
+    },
     /// A file could not be read or written.
     #[error(transparent)]
     Store(#[from] StoreError),
 }
 
-/// A camera frame: linear sensor values, row by row, and what the camera says of them.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Frame {
-    /// Columns.
-    pub width: usize,
-    /// Rows.
-    pub height: usize,
-    /// Values in DN.
-    pub samples: Vec<u16>,
-    /// Exposure time the frame was taken with, s.
-    pub exposure_s: f64,
-    /// Consecutive number given by the camera.
-    pub sequence: u64,
-    /// Start of exposure on the camera's clock, s.
-    pub timestamp_s: f64,
-}
-
-/// A camera that is open.
-pub trait Camera {
-    /// Sets the exposure time and returns the one achieved, s.
-    ///
-    /// # Errors
-    /// [`CaptureError::Device`].
-    fn set_exposure(&mut self, exposure_s: f64) -> Result<f64, CaptureError>;
-
-    /// Takes one frame of what the projector shows now.
-    ///
-    /// # Errors
-    /// [`CaptureError::Device`].
-    fn grab(&mut self) -> Result<Frame, CaptureError>;
-}
-
-/// A projector that is open.
-pub trait Projector {
-    /// Hands over a sequence of frames, replacing an earlier one. Projectors with pattern memory upload it.
-    ///
-    /// # Errors
-    /// [`CaptureError::Device`].
-    fn load(&mut self, sequence: &[Pattern]) -> Result<(), CaptureError>;
-
-    /// Shows one frame of the sequence and returns when it is lit.
-    ///
-    /// # Errors
-    /// [`CaptureError::Device`].
-    fn show(&mut self, index: usize) -> Result<(), CaptureError>;
-}
-
-/// What stands in the light.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Placement {
-    /// The sample to measure.
-    Sample,
-    /// The 18% gray card in the sample's place.
-    GrayCard,
-    /// A diffuse white screen at the focal distance, in front of the mirrors.
-    Screen,
-}
-
-impl fmt::Display for Placement {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Placement::Sample => "the sample",
-            Placement::GrayCard => "the gray card",
-            Placement::Screen => "the white screen at the focal distance",
-        })
+impl CaptureError {
+    /// The error itself, without the place where it happened.
+    pub fn cause(&self) -> &Self {
+        match self {
+            CaptureError::At { source, .. } => source.cause(),
+            other => other,
+        }
     }
-}
-
-/// A rig's devices, and a way to have things put into its light.
-pub trait Bench {
-    /// The camera.
-    fn camera(&mut self) -> &mut dyn Camera;
-
-    /// The projector.
-    fn projector(&mut self) -> &mut dyn Projector;
-
-    /// Has `what` put in place (an operator is asked; a simulation obeys).
-    ///
-    /// # Errors
-    /// [`CaptureError::Device`].
-    fn place(&mut self, what: Placement) -> Result<(), CaptureError>;
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use super::Frame;
+use super::Taken;
 use crate::optics::Rig;
 use crate::radiometry::Sensor;
 use crate::store::{Layers, Plane, StoreError};
@@ -69,14 +69,13 @@ const ROUNDING_OF_SIGMA: f32 = 0.1;
 const ROUNDING_OF_VARIANCE: f32 = 1e-3;
 
 impl ResponseImage {
-    /// Merges the exposures of one pattern.
-    pub fn merge(sensor: &Sensor, crop: Crop, frames: &[Frame]) -> Self {
+    /// Merges the exposures of one pattern, each divided by the lamp's light while it was taken.
+    pub fn merge(sensor: &Sensor, crop: Crop, frames: &[Taken]) -> Self {
         let merged: Vec<(f32, f32)> = (0..crop.len())
             .into_par_iter()
             .with_min_len(4096)
             .map(|p| {
-                let (u, v) = crop.sensor_pixel(p);
-                let stack = frames.iter().map(|f| (f.samples[v * f.width + u], f.exposure_s));
+                let stack = frames.iter().map(|f| (f.samples[p], f.exposure_s * f.light));
                 sensor.merge(stack).map_or((f32::NAN, f32::NAN), |e| (e.rate as f32, e.variance as f32))
             })
             .collect();
@@ -147,6 +146,18 @@ impl ResponseImage {
         };
         let plane = |name: &str| image.get(name).ok_or_else(|| missing(name));
         Ok(Self { crop, rate: plane("rate")?, variance: plane("variance")? })
+    }
+
+    /// As [`ResponseImage::read`], for a response that must cover `crop`.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn read_of(path: &Path, crop: Crop) -> Result<Self, StoreError> {
+        let response = Self::read(path)?;
+        if response.crop == crop {
+            return Ok(response);
+        }
+        Err(StoreError::invalid(path, "it shows another part of the sensor: measure again"))
     }
 }
 

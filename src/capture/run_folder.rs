@@ -1,55 +1,23 @@
 //! The folder a run leaves behind.
 
-use std::fs::{self, File, OpenOptions};
-use std::io::Write;
+use std::fs;
 use std::path::{Path, PathBuf};
 
-use serde::{Deserialize, Serialize};
-
-use super::{Frame, ResponseImage};
-use crate::patterns::{Event, Lobe};
+use super::acquisition::Taken;
+use super::journal::{FrameEntry, Journal, Recorded};
+use super::{Crop, Frame, ResponseImage};
+use crate::patterns::Lobe;
 use crate::store::{self, StoreError};
 
 /// Version of the run folder.
-pub const RUN_FORMAT: u32 = 1;
+pub const RUN_FORMAT: u32 = 2;
 
-/// One line of the journal: a frame that was taken.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct JournalEntry {
-    /// Position in the plan.
-    pub index: usize,
-    /// Repeat of the sequence.
-    pub repeat: usize,
-    /// The lobe shown.
-    pub lobe: Lobe,
-    /// Exposure time achieved, s.
-    pub exposure_s: f64,
-    /// The camera's frame number.
-    pub sequence: u64,
-    /// Start of exposure on the camera's clock, s.
-    pub timestamp_s: f64,
-}
-
-impl JournalEntry {
-    /// The entry of a frame.
-    pub fn new(event: &Event, frame: &Frame) -> Self {
-        Self {
-            index: event.index,
-            repeat: event.repeat,
-            lobe: event.lobe,
-            exposure_s: frame.exposure_s,
-            sequence: frame.sequence,
-            timestamp_s: frame.timestamp_s,
-        }
-    }
-}
-
-/// A run folder: `run.json`, `rig.toml`, `plan.toml`, `calibration/`, `journal.jsonl`, `responses/`, `coefficients.exr`.
-#[derive(Debug)]
+/// A run folder: `run.json`, `rig.toml`, `plan.toml`, `calibration/`, `journal.jsonl`, `responses/`, `coefficients.exr`; and
+/// `pending/` with the frames whose response is not stored yet.
+#[derive(Debug, Clone)]
 pub struct RunFolder {
     path: PathBuf,
     keep_frames: bool,
-    journal: Option<File>,
 }
 
 impl RunFolder {
@@ -59,7 +27,7 @@ impl RunFolder {
     /// [`StoreError::NotEmpty`] if the folder holds anything.
     pub fn create(path: &Path, keep_frames: bool) -> Result<Self, StoreError> {
         store::vacant(path)?;
-        Ok(Self { path: path.to_owned(), keep_frames, journal: None })
+        Ok(Self { path: path.to_owned(), keep_frames })
     }
 
     /// Makes the folder with what `fill` writes at the path it is given, whole or not at all.
@@ -69,6 +37,7 @@ impl RunFolder {
     pub fn begin(&self, fill: impl FnOnce(&Path) -> Result<(), StoreError>) -> Result<(), StoreError> {
         store::write_dir(&self.path, |part| {
             store::create_dir(&part.join("responses"))?;
+            store::create_dir(&part.join("pending"))?;
             if self.keep_frames {
                 store::create_dir(&part.join("frames"))?;
             }
@@ -83,7 +52,12 @@ impl RunFolder {
     pub fn open(path: &Path) -> Result<Self, StoreError> {
         let manifest = path.join("run.json");
         fs::metadata(&manifest).map_err(|source| StoreError::Read { path: manifest, source })?;
-        Ok(Self { path: path.to_owned(), keep_frames: false, journal: None })
+        Ok(Self { path: path.to_owned(), keep_frames: path.join("frames").is_dir() })
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
     }
 
     /// A path inside the folder.
@@ -91,36 +65,92 @@ impl RunFolder {
         self.path.join(name)
     }
 
-    /// Where the response to a lobe is kept.
-    pub fn response_path(&self, lobe: &Lobe) -> PathBuf {
-        self.path.join("responses").join(format!("{}.exr", lobe.stem()))
+    /// Whether whole frames are kept.
+    pub fn keeps_frames(&self) -> bool {
+        self.keep_frames
     }
 
-    /// Appends a frame to the journal, and the frame itself where frames are kept.
+    /// Opens the journal.
     ///
     /// # Errors
-    /// [`StoreError`].
-    pub fn record(&mut self, entry: &JournalEntry, frame: &Frame) -> Result<(), StoreError> {
-        if self.keep_frames {
-            let name = format!("frames/{:05}_{}.png", entry.index, entry.lobe.stem());
-            write_frame(&self.file(&name), frame)?;
-        }
-        let path = self.file("journal.jsonl");
-        let failed = |source| StoreError::Write { path: path.clone(), source };
-        if self.journal.is_none() {
-            self.journal = Some(OpenOptions::new().create(true).append(true).open(&path).map_err(failed)?);
-        }
-        let line = serde_json::to_string(entry).expect("numbers and names") + "\n";
-        self.journal.as_mut().expect("opened above").write_all(line.as_bytes()).map_err(failed)
+    /// As [`Journal::open`].
+    pub fn journal(&self) -> Result<(Journal, Recorded), StoreError> {
+        Journal::open(&self.file("journal.jsonl"))
+    }
+
+    /// Where the response to a lobe is kept; repeats after the first have a number.
+    pub fn response_path(&self, lobe: &Lobe, repeat: usize) -> PathBuf {
+        let number = if repeat == 0 { String::new() } else { format!("_r{repeat:03}") };
+        self.path.join("responses").join(format!("{}{number}.exr", lobe.stem()))
     }
 
     /// Stores the response to a lobe and returns it as a later reduction will read it.
     ///
     /// # Errors
     /// [`StoreError`].
-    pub fn keep_response(&self, lobe: &Lobe, response: &ResponseImage) -> Result<ResponseImage, StoreError> {
-        response.write(&self.response_path(lobe))?;
+    pub fn keep_response(
+        &self,
+        lobe: &Lobe,
+        repeat: usize,
+        response: &ResponseImage,
+    ) -> Result<ResponseImage, StoreError> {
+        response.write(&self.response_path(lobe, repeat))?;
         Ok(response.as_stored())
+    }
+
+    fn pending_path(&self, repeat: usize, lobe: &Lobe, exposure: usize) -> PathBuf {
+        self.path.join("pending").join(format!("{}_r{repeat:03}_e{exposure}.pgm", lobe.stem()))
+    }
+
+    /// Stores what a response will be made of, until that is stored. Not flushed to the disk: it must outlive the program,
+    /// not the machine.
+    ///
+    /// # Errors
+    /// [`StoreError::Write`].
+    pub fn keep_pending(&self, entry: &FrameEntry, crop: Crop, samples: &[u16]) -> Result<(), StoreError> {
+        let path = self.pending_path(entry.repeat, &entry.lobe, entry.exposure);
+        let mut bytes = format!("P5 {} {} 65535\n", crop.width, crop.height).into_bytes();
+        bytes.extend(samples.iter().flat_map(|s| s.to_be_bytes()));
+        store::write_quickly(&path, &bytes)
+    }
+
+    /// Reads what [`RunFolder::keep_pending`] wrote.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn pending(&self, entry: &FrameEntry, crop: Crop) -> Result<Taken, StoreError> {
+        let path = self.pending_path(entry.repeat, &entry.lobe, entry.exposure);
+        let bytes = store::read(&path)?;
+        let header = format!("P5 {} {} 65535\n", crop.width, crop.height);
+        let body = bytes.strip_prefix(header.as_bytes()).filter(|b| b.len() == 2 * crop.len());
+        let body = body.ok_or_else(|| {
+            let reason = format!("not a frame of {} x {} px: delete the run and measure again", crop.width, crop.height);
+            StoreError::invalid(&path, reason)
+        })?;
+        let samples = body.chunks_exact(2).map(|b| u16::from_be_bytes([b[0], b[1]])).collect();
+        Ok(Taken { samples, exposure_s: entry.exposure_s, light: entry.light, frame: None })
+    }
+
+    /// Removes the frames of a lobe whose response is stored.
+    pub fn drop_pending(&self, repeat: usize, lobe: &Lobe, exposures: usize) {
+        for exposure in 0..exposures {
+            // What stays behind is in nobody's way.
+            let _ = fs::remove_file(self.pending_path(repeat, lobe, exposure));
+        }
+    }
+
+    /// Stores a whole frame.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn keep_frame(&self, index: usize, lobe: &Lobe, frame: &Frame) -> Result<(), StoreError> {
+        write_frame(&self.file(&format!("frames/{index:05}_{}.png", lobe.stem())), frame)
+    }
+
+    /// Removes what only a run under way needs.
+    pub fn tidy(&self) {
+        // It is empty, or holds what nobody asks for any more.
+        let _ = fs::remove_dir_all(self.file("pending"));
     }
 }
 

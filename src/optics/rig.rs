@@ -219,6 +219,9 @@ pub struct Camera {
     pub linear_limit_dn: f64,
     /// Fastest frame rate, Hz.
     pub max_frame_rate_hz: f64,
+    /// Time from the end of an exposure to the frame's delivery, in which no other can begin, s.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub readout_s: f64,
 }
 
 /// Projector: lens, panel and timing.
@@ -241,6 +244,21 @@ pub struct Projector {
     pub height_px: usize,
     /// Refresh rate, Hz; its colours follow each other within one refresh, so exposures are whole multiples of 1/rate.
     pub refresh_hz: f64,
+    /// Whether frames carry a coded patch beside the mirrors' image, where it falls on the border around the sample.
+    #[serde(default = "yes", skip_serializing_if = "is_yes")]
+    pub tag: bool,
+}
+
+fn yes() -> bool {
+    true
+}
+
+fn is_yes(x: &bool) -> bool {
+    *x
+}
+
+fn is_zero(x: &f64) -> bool {
+    *x == 0.0
 }
 
 impl Rig {
@@ -320,6 +338,7 @@ impl Rig {
         let within = |key, value: f64, lo: f64, hi: f64, expected| {
             if value >= lo && value <= hi { Ok(()) } else { Err(RigError::Range { key, value, expected }) }
         };
+        within("camera.readout_s", c.readout_s, 0.0, 10.0, "0..=10 s")?;
         within("camera.bits", f64::from(c.bits), 8.0, 16.0, "8..=16 bits")?;
         let top = f64::from((1u32 << c.bits) - 1);
         within("camera.black_level_dn", c.black_level_dn, 0.0, top, "0..=2^bits - 1")?;

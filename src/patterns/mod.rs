@@ -2,6 +2,8 @@
 
 mod lobes;
 mod plan;
+mod tag;
 
 pub use lobes::{Lobe, LobePair, Lobes, Pattern, Sign};
-pub use plan::{Event, Exitant, ExposureBracket, Plan, PlanError, RigTime, Timing};
+pub use plan::{AutomaticBracket, Exitant, ExposureBracket, Plan, PlanError, RigTime, Timing};
+pub use tag::{Rect, TagBit, TagLayout};

@@ -14,7 +14,7 @@ pub const FORMAT: u32 = 1;
 pub const MAX_PLAN_ORDER: usize = 20;
 
 /// Why a plan cannot be run.
-#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[derive(Debug, Clone, PartialEq, Error)]
 pub enum PlanError {
     /// The text is not a plan.
     #[error("not an acquisition plan, correct the marked line: {0}")]
@@ -24,6 +24,18 @@ pub enum PlanError {
     Format {
         /// The version found.
         found: u32,
+    },
+    /// No exposures, or two ways to choose them.
+    #[error("the plan has {found} of the sections [exposure] and [automatic]: keep one")]
+    Exposures {
+        /// `none` or `both`.
+        found: &'static str,
+    },
+    /// A noise target outside its range.
+    #[error("automatic.noise_rel = {value} is out of range: choose 1e-5..=1, the RMS standard error over RMS z_00")]
+    Noise {
+        /// The value found.
+        value: f64,
     },
     /// A number outside its range.
     #[error("{key} = {value} is out of range: choose {expected}")]
@@ -38,7 +50,7 @@ pub enum PlanError {
 }
 
 /// An acquisition: every lobe of the zonal basis up to an order, in a bracket of exposures.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plan {
     /// File format version.
@@ -49,8 +61,12 @@ pub struct Plan {
     pub order: usize,
     /// How often the whole sequence is taken.
     pub repeats: usize,
-    /// Exposures of every lobe.
-    pub exposure: ExposureBracket,
+    /// Exposures of every lobe, the same for all.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub exposure: Option<ExposureBracket>,
+    /// What exposures of each pair of lobes are to reach, chosen while it is measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub automatic: Option<AutomaticBracket>,
     /// Grid of exitant directions the coefficients are reported on.
     pub exitant: Exitant,
 }
@@ -65,6 +81,18 @@ pub struct ExposureBracket {
     pub shortest_refreshes: u32,
     /// Ratio between neighbours.
     pub spacing: u32,
+}
+
+/// As few exposures for each pair of lobes as a noise target needs: one of the shortest kind, and what its frames ask for.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AutomaticBracket {
+    /// Wanted RMS standard error of a function's coefficients over RMS z_00.
+    pub noise_rel: f64,
+    /// The shortest, in refresh periods of the projector: nothing may saturate in it.
+    pub shortest_refreshes: u32,
+    /// The longest, in refresh periods.
+    pub longest_refreshes: u32,
 }
 
 /// Size of the exitant grid.
@@ -84,26 +112,15 @@ pub struct Timing {
     pub refresh_s: f64,
     /// Shortest time from one frame to the next, s.
     pub min_frame_s: f64,
+    /// Time from the end of an exposure to the earliest start of the next, s.
+    pub readout_s: f64,
 }
 
 impl Timing {
     /// The timing of a rig's devices.
     pub fn of(rig: &Rig) -> Self {
-        Self { refresh_s: 1.0 / rig.projector.refresh_hz, min_frame_s: 1.0 / rig.camera.max_frame_rate_hz }
+        Self { refresh_s: 1.0 / rig.projector.refresh_hz, min_frame_s: 1.0 / rig.camera.max_frame_rate_hz, readout_s: rig.camera.readout_s }
     }
-}
-
-/// One frame to take.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Event {
-    /// Position in the run, from 0.
-    pub index: usize,
-    /// Repeat of the sequence, from 0.
-    pub repeat: usize,
-    /// The lobe shown.
-    pub lobe: Lobe,
-    /// Exposure time, s.
-    pub exposure_s: f64,
 }
 
 /// Predicted wall time on the physical rig, seconds, and what it is spent on.
@@ -132,7 +149,8 @@ impl Plan {
             name: format!("order-{order}"),
             order,
             repeats: 1,
-            exposure: ExposureBracket { count: 3, shortest_refreshes: 1, spacing: 4 },
+            exposure: Some(ExposureBracket { count: 3, shortest_refreshes: 1, spacing: 4 }),
+            automatic: None,
             exitant: Exitant { rings: 32, sectors: 64 },
         }
     }
@@ -157,15 +175,23 @@ impl Plan {
         2 * size(self.order)
     }
 
-    /// Number of camera frames.
+    /// Number of camera frames; for automatic exposures those of two for each lobe.
     pub fn frames(&self) -> usize {
-        self.images() * self.exposure.count as usize * self.repeats
+        self.images() * self.refreshes().len() * self.repeats
     }
 
-    /// Exposure times in s, longest first: the wait after the shortest hides the change of pattern.
+    /// Exposure times in s, longest first: the wait after the shortest hides the change of pattern. For automatic
+    /// exposures, the longest and the shortest.
     pub fn exposures_s(&self, timing: &Timing) -> Vec<f64> {
-        let e = &self.exposure;
-        (0..e.count).rev().map(|i| f64::from(e.shortest_refreshes * e.spacing.pow(i)) * timing.refresh_s).collect()
+        self.refreshes().into_iter().map(|n| f64::from(n) * timing.refresh_s).collect()
+    }
+
+    fn refreshes(&self) -> Vec<u32> {
+        match (self.exposure, self.automatic) {
+            (Some(e), _) => (0..e.count).rev().map(|i| e.shortest_refreshes * e.spacing.pow(i)).collect(),
+            (None, Some(a)) => vec![a.longest_refreshes, a.shortest_refreshes],
+            (None, None) => Vec::new(),
+        }
     }
 
     /// The lobes in the order they are shown.
@@ -173,23 +199,14 @@ impl Plan {
         (0..size(self.order)).flat_map(|k| [Sign::Positive, Sign::Negative].map(|sign| Lobe { k, sign }))
     }
 
-    /// Every frame to take, in order.
-    pub fn events(&self, timing: &Timing) -> impl Iterator<Item = Event> {
-        let exposures = self.exposures_s(timing);
-        (0..self.repeats)
-            .flat_map(|repeat| self.lobes().map(move |lobe| (repeat, lobe)))
-            .flat_map(move |(repeat, lobe)| exposures.clone().into_iter().map(move |e| (repeat, lobe, e)))
-            .enumerate()
-            .map(|(index, (repeat, lobe, exposure_s))| Event { index, repeat, lobe, exposure_s })
-    }
-
     /// Wall time on the physical rig, in closed form.
     pub fn rig_time(&self, timing: &Timing) -> RigTime {
         let exposures = self.exposures_s(timing);
         let shown = (self.images() * self.repeats) as f64;
         let open: f64 = exposures.iter().sum();
-        let frames: f64 = exposures.iter().map(|&e| e.max(timing.min_frame_s)).sum();
-        let idle = exposures.last().map_or(0.0, |&e| (timing.min_frame_s - e).max(0.0));
+        let frame = |e: f64| (e + timing.readout_s).max(timing.min_frame_s);
+        let frames: f64 = exposures.iter().map(|&e| frame(e)).sum();
+        let idle = exposures.last().map_or(0.0, |&e| frame(e) - e);
         RigTime {
             exposure_s: shown * open,
             readout_wait_s: shown * (frames - open),
@@ -201,17 +218,31 @@ impl Plan {
         if self.format > FORMAT {
             return Err(PlanError::Format { found: self.format });
         }
-        let e = &self.exposure;
+        match (&self.exposure, &self.automatic) {
+            (None, None) => return Err(PlanError::Exposures { found: "none" }),
+            (Some(_), Some(_)) => return Err(PlanError::Exposures { found: "both" }),
+            _ => {}
+        }
         let within = |key, value: u64, lo: u64, hi: u64, expected| {
             if (lo..=hi).contains(&value) { Ok(()) } else { Err(PlanError::Range { key, value, expected }) }
         };
         within("order", self.order as u64, 0, MAX_PLAN_ORDER as u64, "0..=20")?;
         within("repeats", self.repeats as u64, 1, 1000, "1..=1000")?;
-        within("exposure.count", e.count.into(), 1, 8, "1..=8")?;
-        within("exposure.shortest_refreshes", e.shortest_refreshes.into(), 1, 600, "1..=600")?;
-        within("exposure.spacing", e.spacing.into(), 2, 16, "2..=16")?;
-        let longest = u64::from(e.shortest_refreshes) * u64::from(e.spacing).pow(e.count - 1);
-        within("exposure (longest, in refreshes)", longest, 1, 6000, "fewer exposures or a smaller spacing")?;
+        if let Some(e) = &self.exposure {
+            within("exposure.count", e.count.into(), 1, 8, "1..=8")?;
+            within("exposure.shortest_refreshes", e.shortest_refreshes.into(), 1, 600, "1..=600")?;
+            within("exposure.spacing", e.spacing.into(), 2, 16, "2..=16")?;
+            let longest = u64::from(e.shortest_refreshes) * u64::from(e.spacing).pow(e.count - 1);
+            within("exposure (longest, in refreshes)", longest, 1, 6000, "fewer exposures or a smaller spacing")?;
+        }
+        if let Some(a) = &self.automatic {
+            let shortest = u64::from(a.shortest_refreshes);
+            within("automatic.shortest_refreshes", shortest, 1, 600, "1..=600")?;
+            within("automatic.longest_refreshes", a.longest_refreshes.into(), shortest, 6000, "shortest..=6000")?;
+            if !(1e-5..=1.0).contains(&a.noise_rel) {
+                return Err(PlanError::Noise { value: a.noise_rel });
+            }
+        }
         within("exitant.rings", self.exitant.rings as u64, 3, 512, "3..=512")?;
         within("exitant.sectors", self.exitant.sectors as u64, 4, 1024, "4..=1024")
     }
@@ -221,7 +252,7 @@ impl Plan {
 mod tests {
     use super::*;
 
-    const THESIS_RIG: Timing = Timing { refresh_s: 1.0 / 60.0, min_frame_s: 1.0 / 15.0 };
+    const THESIS_RIG: Timing = Timing { refresh_s: 1.0 / 60.0, min_frame_s: 1.0 / 15.0, readout_s: 0.0 };
 
     #[test]
     fn order_4_is_150_frames_in_20_seconds() {
@@ -234,18 +265,6 @@ mod tests {
     }
 
     #[test]
-    fn events_are_what_the_counts_say() {
-        let plan = Plan { repeats: 2, ..Plan::of_order(2) };
-        let events: Vec<_> = plan.events(&THESIS_RIG).collect();
-        assert_eq!(events.len(), plan.frames());
-        assert!(events.iter().enumerate().all(|(i, e)| e.index == i));
-        assert!(
-            (events.iter().map(|e| e.exposure_s).sum::<f64>() - plan.rig_time(&THESIS_RIG).exposure_s).abs() < 1e-9
-        );
-        assert!((events[0].exposure_s - 16.0 / 60.0).abs() < 1e-12);
-    }
-
-    #[test]
     fn plans_survive_a_round_trip_and_bad_ones_are_named() {
         let plan = Plan::of_order(6);
         assert_eq!(Plan::from_toml(&plan.to_toml()).unwrap(), plan);
@@ -254,5 +273,11 @@ mod tests {
         assert!(error("spacing", "spaceing").to_string().contains("spaceing"));
         assert_eq!(error("format = 1", "format = 2"), PlanError::Format { found: 2 });
         assert!(matches!(error("count = 3", "count = 8"), PlanError::Range { .. }));
+        let automatic = "[automatic]\nnoise_rel = 0.01\nshortest_refreshes = 1\nlongest_refreshes = 64\n\n[exitant]";
+        assert_eq!(error("[exitant]", automatic), PlanError::Exposures { found: "both" });
+        let alone = Plan { exposure: None, ..plan.clone() }.to_toml().replacen("[exitant]", automatic, 1);
+        assert_eq!(Plan::from_toml(&alone).unwrap().frames(), 2 * plan.images());
+        let silent = alone.replacen("0.01", "0.0", 1);
+        assert_eq!(Plan::from_toml(&silent).unwrap_err(), PlanError::Noise { value: 0.0 });
     }
 }

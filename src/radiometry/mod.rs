@@ -2,8 +2,10 @@
 
 mod flat_field;
 mod hdr;
+mod lamp;
 mod response;
 
 pub use flat_field::FlatField;
+pub use lamp::Lamp;
 pub use hdr::{Estimate, Sensor};
 pub use response::{Response, ResponseError};

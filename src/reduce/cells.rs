@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
-use super::ReduceError;
+use super::{ChannelScale, ReduceError};
 use crate::capture::{Crop, ResponseImage};
 use crate::geometry::ExitantGrid;
 use crate::optics::{OpticalMap, Rig};
@@ -104,8 +104,42 @@ impl CellMap {
         CellResponse { rate, variance }
     }
 
+    /// What the variance of each pixel of the crop counts for in the mean, over cells and channels, of the squared standard
+    /// error of a response times `scale`.
+    pub fn noise_weights(&self, scale: &ChannelScale) -> Vec<f64> {
+        let n = self.grid.len();
+        let mut of_mean = vec![0.0; self.cells.len()];
+        for (i, cell) in self.cells.iter().enumerate() {
+            let theta_o = self.grid.theta(i % n / self.grid.sectors());
+            let factor = scale.at(&self.grid.zone(), theta_o, i / n).powi(2) / self.cells.len() as f64;
+            for (tap, weight) in self.taps(i % n, cell.curvature) {
+                of_mean[i / n * n + tap] += factor * weight * weight;
+            }
+        }
+        let pixels = self.cells.iter().flat_map(|c| &c.pixels).map(|&(p, _)| p as usize + 1).max().unwrap_or(0);
+        let mut weights = vec![0.0; pixels];
+        for (cell, factor) in self.cells.iter().zip(of_mean) {
+            for &(p, weight) in &cell.pixels {
+                weights[p as usize] += factor * weight * weight;
+            }
+        }
+        weights
+    }
+
     /// Removes the blur of the cell's own area: b - curvature_theta d2b/dring2 - curvature_phi d2b/dsector2.
     fn sharpen(&self, means: &[(f64, f64)], index: usize, curvature: [f64; 2]) -> (f64, f64) {
+        let (mut rate, mut variance) = (0.0, 0.0);
+        for (tap, weight) in self.taps(index, curvature) {
+            let (value, own) = means[tap];
+            rate += weight * value;
+            variance += weight * weight * own;
+        }
+        // A saturated neighbour must not take this cell with it.
+        if rate.is_nan() { means[index] } else { (rate, variance) }
+    }
+
+    /// The cells a sharpened cell is made of, each once, with their weights.
+    fn taps(&self, index: usize, curvature: [f64; 2]) -> Vec<(usize, f64)> {
         let (rings, sectors) = (self.grid.rings(), self.grid.sectors());
         let (ring, sector) = (index / sectors, index % sectors);
         let middle = ring.clamp(1, rings - 2);
@@ -120,15 +154,7 @@ impl CellMap {
         }
         // The variance needs the total weight of each distinct cell.
         taps.sort_unstable_by_key(|t| t.0);
-        let (mut rate, mut variance) = (0.0, 0.0);
-        for same in taps.chunk_by(|a, b| a.0 == b.0) {
-            let weight: f64 = same.iter().map(|t| t.1).sum();
-            let (value, own) = means[same[0].0];
-            rate += weight * value;
-            variance += weight * weight * own;
-        }
-        // A saturated neighbour must not take this cell with it.
-        if rate.is_nan() { means[index] } else { (rate, variance) }
+        taps.chunk_by(|a, b| a.0 == b.0).map(|same| (same[0].0, same.iter().map(|t| t.1).sum())).collect()
     }
 }
 

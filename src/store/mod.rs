@@ -88,12 +88,24 @@ pub fn create_dir(path: &Path) -> Result<(), StoreError> {
 /// # Errors
 /// [`StoreError::Write`]; the temporary file is removed and an older file of that name stays as it was.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<(), StoreError> {
+    write_and(path, bytes, fs::File::sync_data)
+}
+
+/// As [`write()`], without waiting for the disk: the file outlives the program that wrote it, but not a loss of power.
+///
+/// # Errors
+/// As [`write()`].
+pub fn write_quickly(path: &Path, bytes: &[u8]) -> Result<(), StoreError> {
+    write_and(path, bytes, |_| Ok(()))
+}
+
+fn write_and(path: &Path, bytes: &[u8], finish: impl FnOnce(&fs::File) -> io::Result<()>) -> Result<(), StoreError> {
     let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     let part = part(&target);
     let attempt = || -> io::Result<()> {
         let mut file = fs::File::create(&part)?;
         file.write_all(bytes)?;
-        file.sync_data()?;
+        finish(&file)?;
         fs::rename(&part, &target)
     };
     attempt().map_err(|source| {

@@ -1,6 +1,6 @@
 //! The simulated devices behind the traits of real ones.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -9,19 +9,23 @@ use rayon::prelude::*;
 
 use super::forward::{Accuracy, PatternLight, ResponseField};
 use super::geometry::InverseMap;
-use super::{PerturbedDevice, TwinConfig};
+use super::clock::{RealClock, VirtualClock};
+use super::devices::{Devices, Truth, TwinCameraFactory, TwinProjectorFactory, World};
+use super::{Faults, PerturbedDevice, TwinConfig};
 use crate::calibrate::GRAY_CARD_ALBEDO;
-use crate::capture::{Bench, Camera, CaptureError, Frame, Placement, Projector};
+use crate::capture::{
+    Bench, CameraFactory, CaptureError, Clock, Placement, ProjectorFactory, Triggering,
+};
 use crate::geometry::{Direction, Sample, Zone};
-use crate::optics::Rig;
-use crate::patterns::Pattern;
+use crate::optics::{Lens, Rig};
+use crate::patterns::{Pattern, Rect, TagLayout};
 use crate::reflectance::{Brdf, Lambert};
 
 /// Pixels are integrated over this many samples along each side.
 const PIXEL_SAMPLES: usize = 2;
 
-/// A simulated rig with a sample in it.
-pub struct TwinBench {
+/// The simulated rig's mirrors, devices and sample: what a pixel gets from each pattern.
+pub(super) struct Scene {
     rig: Rig,
     config: TwinConfig,
     accuracy: Accuracy,
@@ -36,22 +40,14 @@ pub struct TwinBench {
     sequence: Vec<Pattern>,
     /// Electrons per second from the sample, of each pixel in `pixels` for each pattern: `[pixel][pattern]`.
     reflected: Option<Vec<f32>>,
-    shown: usize,
-    exposure_s: f64,
-    /// Electrons per second of each sensor pixel for what is shown.
-    rates: Option<Vec<f32>>,
-    frames_taken: u64,
-    clock_s: f64,
+    /// Sensor pixels that look past the mirrors at the coded patch: the panel's pixel they see, and what of it reaches them.
+    border: Vec<(u32, u32, f32)>,
+    /// Electrons per second of each sensor pixel for one pattern.
+    rates: Option<(usize, Vec<f32>)>,
 }
 
-impl TwinBench {
-    /// A simulated rig that holds `sample`.
-    pub fn new(rig: &Rig, config: TwinConfig, sample: Arc<dyn Brdf>) -> Self {
-        Self::with_accuracy(rig, config, sample, Accuracy::default())
-    }
-
-    /// The same with another quadrature.
-    pub fn with_accuracy(rig: &Rig, config: TwinConfig, sample: Arc<dyn Brdf>, accuracy: Accuracy) -> Self {
+impl Scene {
+    fn new(rig: &Rig, config: TwinConfig, sample: Arc<dyn Brdf>, accuracy: Accuracy) -> Self {
         let camera = PerturbedDevice::camera(rig, &config.perturbation);
         let projector = PerturbedDevice::projector(rig, &config.perturbation);
         let theta_max = rig.dome.theta_max_deg.to_radians();
@@ -76,6 +72,7 @@ impl TwinBench {
                 (!directions.is_empty()).then_some((i, directions))
             })
             .collect();
+        let border = border(rig, projector.lens(), &lens);
         Self {
             rig: rig.clone(),
             config,
@@ -89,17 +86,50 @@ impl TwinBench {
             dome,
             sequence: Vec::new(),
             reflected: None,
-            shown: 0,
-            exposure_s: 1.0 / rig.projector.refresh_hz,
+            border,
             rates: None,
-            frames_taken: 0,
-            clock_s: 0.0,
         }
     }
 
-    /// What the simulated rig is made of.
-    pub fn config(&self) -> &TwinConfig {
-        &self.config
+    pub fn sensor_size(&self) -> (usize, usize) {
+        (self.rig.camera.width_px, self.rig.camera.height_px)
+    }
+
+    pub fn panel_size(&self) -> (usize, usize) {
+        (self.rig.projector.width_px, self.rig.projector.height_px)
+    }
+
+    pub fn frame_s(&self) -> f64 {
+        1.0 / self.rig.camera.max_frame_rate_hz
+    }
+
+    pub fn readout_s(&self) -> f64 {
+        self.rig.camera.readout_s
+    }
+
+    pub fn refresh_hz(&self) -> f64 {
+        self.rig.projector.refresh_hz
+    }
+
+    pub fn latency_s(&self) -> f64 {
+        self.config.latency_refreshes / self.refresh_hz()
+    }
+
+    /// Number of frames loaded.
+    pub fn frames(&self) -> usize {
+        self.sequence.len()
+    }
+
+    /// Takes another sequence of frames.
+    pub fn load(&mut self, sequence: &[Pattern]) {
+        self.sequence = sequence.to_vec();
+        (self.reflected, self.rates) = (None, None);
+    }
+
+    /// Puts something else in place.
+    fn place(&mut self, what: Placement) {
+        self.placement = what;
+        (self.reflected, self.rates) = (None, None);
     }
 
     /// Electrons per second in a green pixel for a unit of reflected radiance under white light.
@@ -149,22 +179,40 @@ impl TwinBench {
         })
     }
 
-    /// Electrons per second of every sensor pixel for the pattern shown, without dark signal.
-    fn compute_rates(&mut self) -> Vec<f32> {
-        let (width, height) = (self.rig.camera.width_px, self.rig.camera.height_px);
+    /// Electrons per second of every sensor pixel for a pattern, without dark signal; for no pattern, darkness.
+    fn rates(&mut self, shown: Option<usize>) -> Vec<f32> {
+        let (width, height) = self.sensor_size();
         let mut rates = vec![self.config.ambient_e_s as f32; width * height];
+        let Some(shown) = shown else { return rates };
         if self.placement == Placement::Screen {
-            self.add_screen(&mut rates);
+            self.add_screen(shown, &mut rates);
             return rates;
         }
+        self.add_border(shown, &mut rates);
         if self.reflected.is_none() {
             self.reflected = Some(self.reflect());
         }
         let reflected = self.reflected.as_ref().expect("made above");
         for ((i, _), row) in self.pixels.iter().zip(reflected.chunks_exact(self.sequence.len())) {
-            rates[*i] += row[self.shown];
+            rates[*i] += row[shown];
         }
         rates
+    }
+
+    /// The coded patch on the border around the sample.
+    fn add_border(&self, shown: usize, rates: &mut [f32]) {
+        let pattern = &self.sequence[shown];
+        let white = (self.lamp_e_s() * self.config.border_radiance) as f32;
+        let (lights, vignetting) = (self.code_lights().map(|l| l as f32), self.vignetting());
+        let width = self.rig.camera.width_px;
+        let gains = self.config.channel_gains.map(|g| g as f32);
+        for &(i, pixel, reach) in &self.border {
+            let (column, row) = (i as usize % width, i as usize / width);
+            let channels = self.rig.camera.mosaic.channels(column, row);
+            let gain = channels.iter().map(|&c| gains[c]).sum::<f32>() / channels.len() as f32;
+            let light = lights[usize::from(pattern.codes[pixel as usize])] * vignetting[pixel as usize] as f32;
+            rates[i as usize] += white * gain * light * reach;
+        }
     }
 
     /// What every pixel gets from the sample for every pattern of the sequence.
@@ -194,9 +242,9 @@ impl TwinBench {
     }
 
     /// The white screen: both devices share one centre of projection, so a pixel sees one direction of the projector.
-    fn add_screen(&self, rates: &mut [f32]) {
+    fn add_screen(&self, shown: usize, rates: &mut [f32]) {
         let (width, p) = (self.rig.camera.width_px, &self.rig.projector);
-        let pattern = &self.sequence[self.shown];
+        let pattern = &self.sequence[shown];
         let mean = self.mean_light(pattern);
         let white = self.lamp_e_s() * self.gray_card_radiance();
         let (lights, vignetting) = (self.code_lights(), self.vignetting());
@@ -224,22 +272,37 @@ impl TwinBench {
         lens.ray(column as f64 + 0.5, row as f64 + 0.5).z.powi(4)
     }
 
-    fn expose(&mut self) -> Vec<u16> {
-        if self.rates.is_none() {
-            self.rates = Some(self.compute_rates());
-        }
-        let rates = self.rates.as_ref().expect("computed above");
+    /// Samples of an exposure during which `parts` were lit, each for its share of the time. `number` seeds the noise;
+    /// `time_s` tells how far the lamp has drifted.
+    pub fn expose(&mut self, parts: &[(Option<usize>, f64)], exposure_s: f64, number: u64, time_s: f64) -> Vec<u16> {
+        let rates = match parts {
+            [(Some(shown), _)] => {
+                let kept = self.rates.take().filter(|(index, _)| index == shown);
+                kept.map_or_else(|| self.rates(Some(*shown)), |(_, rates)| rates)
+            }
+            _ => {
+                let (width, height) = self.sensor_size();
+                let mut sum = vec![0.0; width * height];
+                for &(shown, share) in parts {
+                    let rates = self.rates(shown);
+                    sum.iter_mut().zip(&rates).for_each(|(s, r)| *s += share as f32 * r);
+                }
+                sum
+            }
+        };
         let c = &self.rig.camera;
-        let (t, white) = (self.exposure_s as f32, f32::from(c.white_dn()));
+        let lamp = 1.0 + self.config.lamp_drift_per_min * time_s / 60.0;
+        let (t, white) = (exposure_s as f32, f32::from(c.white_dn()));
+        let (ambient, lamp) = (self.config.ambient_e_s as f32, lamp as f32);
         let (gain, black, well) = (c.gain_dn_per_e as f32, c.black_level_dn as f32, c.full_well_e as f32);
         let dark_variance = (c.dark_noise_e * c.dark_noise_e) as f32;
-        let (seed, number, noise) = (self.config.seed, self.frames_taken, self.config.noise);
+        let (seed, noise) = (self.config.seed, self.config.noise);
         let mut samples = vec![0u16; rates.len()];
         samples.par_chunks_mut(c.width_px).zip(rates.par_chunks(c.width_px)).enumerate().for_each(
             |(row, (samples, rates))| {
                 let mut rng = row_generator(seed, number, row as u64);
                 for (sample, &rate) in samples.iter_mut().zip(rates) {
-                    let mean = rate * t;
+                    let mean = (ambient + (rate - ambient) * lamp) * t;
                     // Beside 10 electrons of dark noise, Poisson and normal shot noise cannot be told apart.
                     let noise = if noise {
                         let unit: f32 = StandardNormal.sample(&mut rng);
@@ -251,8 +314,32 @@ impl TwinBench {
                 }
             },
         );
+        if let [(Some(shown), _)] = parts {
+            self.rates = Some((*shown, rates));
+        }
         samples
     }
+}
+
+/// Sensor pixels that look past the mirrors at the coded patch, the panel's pixel each sees, and the share of its light that
+/// both lenses leave.
+fn border(rig: &Rig, projector: &Lens, camera: &Lens) -> Vec<(u32, u32, f32)> {
+    let Some(layout) = TagLayout::of(rig) else { return Vec::new() };
+    let (width, panel_width) = (rig.camera.width_px, rig.projector.width_px);
+    let mut seen = Vec::new();
+    for i in 0..width * rig.camera.height_px {
+        let ray = camera.ray((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
+        let (u, v) = projector.pixel(&ray);
+        let in_cell = |cell: &Rect| {
+            let (du, dv) = (u - cell.u0 as f64, v - cell.v0 as f64);
+            du >= 0.0 && dv >= 0.0 && du < cell.width as f64 && dv < cell.height as f64
+        };
+        if layout.bits().iter().flat_map(|bit| &bit.panel).any(in_cell) {
+            let pixel = v as usize * panel_width + u as usize;
+            seen.push((i as u32, pixel as u32, ray.z.powi(8) as f32));
+        }
+    }
+    seen
 }
 
 /// One generator for each row of each frame: the noise does not depend on the number of threads.
@@ -261,76 +348,81 @@ fn row_generator(seed: u64, frame: u64, row: u64) -> Xoshiro256PlusPlus {
     Xoshiro256PlusPlus::seed_from_u64(mixed)
 }
 
-impl Camera for TwinBench {
-    fn set_exposure(&mut self, exposure_s: f64) -> Result<f64, CaptureError> {
-        self.exposure_s = exposure_s;
-        Ok(exposure_s)
-    }
-
-    fn grab(&mut self) -> Result<Frame, CaptureError> {
-        if self.shown >= self.sequence.len() {
-            return Err(CaptureError::Device {
-                device: "camera",
-                step: "grab".into(),
-                reason: "no pattern is shown: load a sequence and show a frame of it first".into(),
-            });
-        }
-        let samples = self.expose();
-        let frame = Frame {
-            width: self.rig.camera.width_px,
-            height: self.rig.camera.height_px,
-            samples,
-            exposure_s: self.exposure_s,
-            sequence: self.frames_taken,
-            timestamp_s: self.clock_s,
-        };
-        self.frames_taken += 1;
-        self.clock_s += self.exposure_s.max(1.0 / self.rig.camera.max_frame_rate_hz);
-        Ok(frame)
-    }
+/// A simulated rig with a sample in it.
+pub struct TwinBench {
+    world: Arc<World>,
+    camera: TwinCameraFactory,
+    projector: TwinProjectorFactory,
 }
 
-impl Projector for TwinBench {
-    fn load(&mut self, sequence: &[Pattern]) -> Result<(), CaptureError> {
-        let p = &self.rig.projector;
-        if let Some(bad) = sequence.iter().find(|s| (s.width, s.height) != (p.width_px, p.height_px)) {
-            return Err(CaptureError::Device {
-                device: "projector",
-                step: "load".into(),
-                reason: format!("a {} x {} frame on a {} x {} panel", bad.width, bad.height, p.width_px, p.height_px),
-            });
-        }
-        self.sequence = sequence.to_vec();
-        (self.reflected, self.rates, self.shown) = (None, None, usize::MAX);
-        Ok(())
+impl TwinBench {
+    /// A simulated rig that holds `sample`, with a triggered camera and time as fast as it can be computed.
+    pub fn new(rig: &Rig, config: TwinConfig, sample: Arc<dyn Brdf>) -> Self {
+        Self::with_accuracy(rig, config, sample, Accuracy::default())
     }
 
-    fn show(&mut self, index: usize) -> Result<(), CaptureError> {
-        if index >= self.sequence.len() {
-            return Err(CaptureError::Device {
-                device: "projector",
-                step: format!("show frame {index}"),
-                reason: format!("the sequence has {} frames", self.sequence.len()),
-            });
-        }
-        self.shown = index;
-        self.rates = None;
-        Ok(())
+    /// The same with another quadrature.
+    pub fn with_accuracy(rig: &Rig, config: TwinConfig, sample: Arc<dyn Brdf>, accuracy: Accuracy) -> Self {
+        let scene = Scene::new(rig, config, sample, accuracy);
+        Self::in_world(World {
+            state: Mutex::new(Devices::new(1.0 / rig.projector.refresh_hz)),
+            scene: Mutex::new(scene),
+            clock: Arc::new(VirtualClock::default()),
+            faults: Faults::default(),
+            triggering: Triggering::Triggered,
+        })
+    }
+
+    fn in_world(world: World) -> Self {
+        let world = Arc::new(world);
+        Self { camera: TwinCameraFactory(world.clone()), projector: TwinProjectorFactory(world.clone()), world }
+    }
+
+    /// Changes what the devices share, before they are opened.
+    fn changed(self, change: impl FnOnce(&mut World)) -> Self {
+        let Self { world, camera, projector } = self;
+        drop((camera, projector));
+        let mut world = Arc::into_inner(world).expect("no device is open yet");
+        change(&mut world);
+        Self::in_world(world)
+    }
+
+    /// The same rig in real time.
+    pub fn paced(self) -> Self {
+        self.changed(|world| world.clock = Arc::new(RealClock::start()))
+    }
+
+    /// The same rig with a camera that runs freely.
+    pub fn free_running(self) -> Self {
+        self.changed(|world| world.triggering = Triggering::FreeRunning)
+    }
+
+    /// The same rig with devices that fail.
+    pub fn failing(self, faults: Faults) -> Self {
+        self.changed(|world| world.faults = faults)
+    }
+
+    /// What every frame delivered so far really was: for tests.
+    pub fn truth(&self) -> Vec<Truth> {
+        self.world.state.lock().unwrap_or_else(PoisonError::into_inner).truth.clone()
     }
 }
 
 impl Bench for TwinBench {
-    fn camera(&mut self) -> &mut dyn Camera {
-        self
+    fn camera(&self) -> &dyn CameraFactory {
+        &self.camera
     }
 
-    fn projector(&mut self) -> &mut dyn Projector {
-        self
+    fn projector(&self) -> &dyn ProjectorFactory {
+        &self.projector
+    }
+
+    fn clock(&self) -> Arc<dyn Clock> {
+        self.world.clock.clone()
     }
 
     fn place(&mut self, what: Placement) -> Result<(), CaptureError> {
-        self.placement = what;
-        (self.reflected, self.rates) = (None, None);
+        self.world.scene.lock().unwrap_or_else(PoisonError::into_inner).place(what);
         Ok(())
     }
 }

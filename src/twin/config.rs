@@ -59,6 +59,23 @@ pub struct TwinConfig {
     pub ambient_e_s: f64,
     /// Exposure in which the white zone and an 18% gray card fill half of the full well of a green pixel, s.
     pub half_well_exposure_s: f64,
+    /// Radiance of the border around the sample under white light, in units of white: retro-reflective tape.
+    #[serde(default = "border_radiance")]
+    pub border_radiance: f64,
+    /// From a request to show a frame to the refresh that can show it, refresh periods.
+    #[serde(default = "latency_refreshes")]
+    pub latency_refreshes: f64,
+    /// Growth of the lamp's light in a minute, relative.
+    #[serde(default)]
+    pub lamp_drift_per_min: f64,
+}
+
+fn border_radiance() -> f64 {
+    0.15
+}
+
+fn latency_refreshes() -> f64 {
+    1.3
 }
 
 impl TwinConfig {
@@ -84,6 +101,9 @@ impl TwinConfig {
             channel_gains: [0.92, 1.0, 0.85],
             ambient_e_s: 150.0,
             half_well_exposure_s: 16.0 / 60.0,
+            border_radiance: border_radiance(),
+            latency_refreshes: latency_refreshes(),
+            lamp_drift_per_min: 0.0,
         }
     }
 

@@ -5,11 +5,17 @@
 //! reconstruction knows only the nominal rig and what calibrations measured on the perturbed one.
 
 mod bench;
+mod clock;
 mod config;
+mod devices;
+mod faults;
 mod forward;
 mod geometry;
 
 pub use bench::TwinBench;
+pub use clock::{RealClock, VirtualClock};
+pub use devices::Truth;
+pub use faults::Faults;
 pub use config::{Perturbation, TwinConfig};
 pub use forward::{Accuracy, PatternLight, ResponseField, lobe_width};
 pub use geometry::{InverseMap, PerturbedDevice};

@@ -10,10 +10,11 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use zonal::basis::{Harmonics, index, lm, size};
 use zonal::calibrate::{CalibrationSet, gray_card_coefficients};
+use zonal::capture::{Bench, Control, RunFolder};
 use zonal::fit::{Fineness, Forward, Observations};
 use zonal::geometry::quadrature::polar_about_mirror;
 use zonal::geometry::{Direction, ExitantGrid, Zone};
-use zonal::measure::{Measurement, Provenance, measure};
+use zonal::measure::{MeasureError, Measurement, Provenance, Request, measure};
 use zonal::optics::Rig;
 use zonal::patterns::Plan;
 use zonal::reduce::Coefficients;
@@ -28,7 +29,7 @@ pub fn rig(name: &str) -> Rig {
 /// All calibrations, made on the same twin.
 pub fn calibrated(rig: &Rig, config: &TwinConfig) -> CalibrationSet {
     let mut bench = TwinBench::new(rig, config.clone(), open("gray-card").unwrap());
-    CalibrationSet::make(rig, &mut bench, &mut |_, _, _| ()).unwrap()
+    CalibrationSet::make(rig, &mut bench, &mut |_, _| ()).unwrap()
 }
 
 pub fn run(
@@ -39,8 +40,34 @@ pub fn run(
     sample: Arc<dyn Brdf>,
 ) -> Measurement {
     let mut bench = TwinBench::new(rig, config.clone(), sample);
+    measured(rig, plan, &mut bench, calibration, None).unwrap()
+}
+
+/// A measurement on any bench, in silence.
+pub fn measured(
+    rig: &Rig,
+    plan: &Plan,
+    bench: &mut dyn Bench,
+    calibration: &CalibrationSet,
+    folder: Option<&RunFolder>,
+) -> Result<Measurement, MeasureError> {
     let provenance = Provenance { sample: "test".into(), simulation: None };
-    measure(rig, plan, &mut bench, calibration, provenance, None, &mut |_, _, _| ()).unwrap()
+    let control = Control::default();
+    let request = Request { rig, plan, calibration, provenance: &provenance, control: &control };
+    measure(&request, bench, folder, &mut |_, _| ())
+}
+
+/// A rig with sensor and panel of fewer, larger pixels: what does not depend on their number is tested faster.
+pub fn coarse(mut rig: Rig, factor: usize) -> Rig {
+    let size = factor as f64;
+    rig.camera.pitch_um *= size;
+    rig.camera.width_px /= factor;
+    rig.camera.height_px /= factor;
+    rig.projector.pitch_um *= size;
+    rig.projector.width_px /= factor;
+    rig.projector.height_px /= factor;
+    rig.name += &format!("-{factor}");
+    rig
 }
 
 /// z_k(wo) of a material by direct, converged quadrature: index `k * 3 + channel`.

@@ -4,8 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use clap::ValueEnum;
-use zonal::calibrate::{CalibrationSet, flat_field, gray_card, response};
-use zonal::patterns::Plan;
+use zonal::calibrate::{CalibrationSet, flat_field, gray_card, gray_card_plan, response};
 use zonal::store::{self, StoreError};
 use zonal::twin::TwinConfig;
 
@@ -65,7 +64,7 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
             let response = CalibrationSet::read_response(&args.out, &rig).context(needs)?;
             let flat = CalibrationSet::read_flat_field(&args.out, &rig).context(needs)?;
             let mut bar = common::frames_bar("gray card");
-            let (scale, check) = gray_card(&rig, &mut bench, &Plan::of_order(2), &response, &flat, &mut bar)?;
+            let (scale, check) = gray_card(&rig, &mut bench, &gray_card_plan(&rig), &response, &flat, &mut bar)?;
             CalibrationSet::write_gray_card(&scale, &check, &args.out, &rig)?;
             let text = format!(
                 "z_10 off by {:.3}% of z_00, z_20 by {:.3}% (largest {:.3}%); gray-card.json in {}",

@@ -5,9 +5,10 @@ use std::process::ExitCode;
 use std::sync::Arc;
 
 use anyhow::Context;
+use signal_hook::iterator::Signals;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use zonal::calibrate::{CalibrateError, CalibrationSet};
-use zonal::capture::CaptureError;
+use zonal::capture::{CaptureError, Control};
 use zonal::export::{ShMaterial, TensorMaterial};
 use zonal::fit::FitReport;
 use zonal::geometry::Zone;
@@ -106,17 +107,16 @@ pub fn coefficients(folder: &Path, order: Option<usize>) -> anyhow::Result<Coeff
     Ok(measured.truncated(order))
 }
 
-/// A progress bar over frames on stderr, with the rig's time left; silent where nobody watches.
-pub fn frames_bar(what: &str) -> impl FnMut(usize, usize, f64) + use<> {
+/// A progress bar over frames on stderr; silent where nobody watches.
+pub fn frames_bar(what: &str) -> impl FnMut(usize, usize) + use<> {
     let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(10));
     let style =
-        ProgressStyle::with_template("{prefix:12} {bar:32} {pos}/{len} frames  {elapsed} gone, {eta} left  {msg}");
+        ProgressStyle::with_template("{prefix:12} {bar:32} {pos}/{len} frames  {elapsed} gone, {eta} left");
     bar.set_style(style.expect("a valid template"));
     bar.set_prefix(what.to_owned());
-    move |done, all, rig_left_s| {
+    move |done, all| {
         bar.set_length(all as u64);
         bar.set_position(done as u64);
-        bar.set_message(format!("(on the rig {rig_left_s:.0} s left)"));
         if done == all {
             bar.finish_and_clear();
         }
@@ -195,7 +195,10 @@ pub fn message(error: &anyhow::Error) -> String {
 
 /// 1 where a device failed or a computation broke down, 2 where the request or its files must change.
 pub fn exit_code(error: &anyhow::Error) -> ExitCode {
-    let device = |e: &CaptureError| matches!(e, CaptureError::Device { .. });
+    let device = |e: &CaptureError| {
+        use CaptureError::{Device, Frozen, NoTag, Rejected, Stopped};
+        matches!(e.cause(), Device { .. } | Frozen { .. } | NoTag { .. } | Rejected { .. } | Stopped { .. })
+    };
     let failed = error.chain().any(|cause| {
         cause.downcast_ref::<CaptureError>().is_some_and(device)
             || matches!(cause.downcast_ref(), Some(MeasureError::Capture(e)) if device(e))
@@ -209,4 +212,31 @@ pub fn exit_code(error: &anyhow::Error) -> ExitCode {
 /// Why a command that needs a rig cannot go on without `--simulate`.
 pub fn no_devices() -> anyhow::Error {
     BadUsage("this program was built without device back ends: add --simulate to use the simulated rig".into()).into()
+}
+
+/// A run's control in the hands of signals: Ctrl-C or a termination stops it after the frame under way, a second one ends
+/// the program at once; SIGUSR1 pauses and resumes.
+pub fn steered() -> Control {
+    let control = Control::default();
+    let steered = control.clone();
+    let (stops, toggle) = ([libc::SIGINT, libc::SIGTERM], libc::SIGUSR1);
+    match Signals::new([stops[0], stops[1], toggle]) {
+        Ok(mut signals) => {
+            std::thread::spawn(move || {
+                for signal in signals.forever() {
+                    match signal {
+                        signal if signal == toggle && steered.paused() => steered.resume(),
+                        signal if signal == toggle => steered.pause(),
+                        _ if steered.aborted() => std::process::exit(1),
+                        _ => {
+                            eprintln!("stopping after this frame; once more to stop at once");
+                            steered.abort();
+                        }
+                    }
+                }
+            });
+        }
+        Err(error) => eprintln!("warning: signals cannot be caught, Ctrl-C will end the program at once: {error}"),
+    }
+    control
 }

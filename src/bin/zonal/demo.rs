@@ -8,7 +8,7 @@ use zonal::calibrate::CalibrationSet;
 use zonal::capture::{Crop, RunFolder};
 use zonal::export::ShMaterial;
 use zonal::fit::FitMethod;
-use zonal::measure::{Measurement, Provenance, lobe_pairs, measure};
+use zonal::measure::{Measurement, Provenance, Request, lobe_pairs, measure};
 use zonal::optics::Rig;
 use zonal::patterns::Plan;
 use zonal::reflectance::{Brdf, ZoneErrors, open};
@@ -47,7 +47,7 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     let rig = Rig::from_toml(RIG)?;
     let config = TwinConfig::pinhole(args.seed);
     let run = (1..).map(|i| args.out.join(format!("run-{i}"))).find(|p| !p.exists()).expect("some number is free");
-    let mut folder = RunFolder::create(&run, false)?;
+    let folder = RunFolder::create(&run, false)?;
     let calibration = common::calibration(None, &rig, &config)?;
 
     let provenance = Provenance {
@@ -57,14 +57,17 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     let plan = Plan::of_order(ORDER);
     let mut bench = common::bench(&rig, &config, truth.clone());
     let mut bar = common::frames_bar("order 4");
-    let measured = measure(&rig, &plan, &mut bench, &calibration, provenance.clone(), Some(&mut folder), &mut bar)?;
+    let control = common::steered();
+    let request =
+        Request { rig: &rig, plan: &plan, calibration: &calibration, provenance: &provenance, control: &control };
+    let measured = measure(&request, &mut bench, Some(&folder), &mut bar)?;
     let sh = converted(&measured.coefficients, Method::Parity, ORDER)?;
     let exr = run.join("sh-parity.exr");
     sh.write(&exr)?;
 
     // The chart's orders are the beginnings of one longer run.
     let mut bar = common::frames_bar("orders 0-6");
-    let longer = measure(&rig, &Plan::of_order(CHART_ORDER), &mut bench, &calibration, provenance, None, &mut bar)?;
+    let longer = measure(&Request { plan: &Plan::of_order(CHART_ORDER), ..request }, &mut bench, None, &mut bar)?;
 
     let errors = ZoneErrors::new(&sh, truth.as_ref(), rig.zone());
     let page = Results { args, rig, plan, config, calibration, measured, longer, truth, sh }.page()?;

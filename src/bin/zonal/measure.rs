@@ -2,12 +2,15 @@
 
 use std::path::PathBuf;
 
-use zonal::capture::RunFolder;
-use zonal::measure::{Provenance, RunRecord, measure};
+use anyhow::Context;
+use zonal::capture::{Bench, RunFolder};
+use zonal::measure::{Measurement, Provenance, Request, RunRecord, measure, resume};
+use zonal::optics::Rig;
 use zonal::reflectance::open;
-use zonal::twin::TwinConfig;
+use zonal::store;
+use zonal::twin::{Faults, TwinBench, TwinConfig};
 
-use crate::common::{self, Report};
+use crate::common::{self, BadUsage, Report};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -15,9 +18,12 @@ pub struct Args {
     rig: PathBuf,
     /// Plan file.
     plan: PathBuf,
-    /// Run folder to create.
+    /// Run folder to create, or with --resume to go on with.
     #[arg(long)]
     out: PathBuf,
+    /// Go on with a run that was stopped, failed or killed; rig, plan, calibration and sample are the run's own.
+    #[arg(long)]
+    resume: bool,
     /// Measure this material on the simulated rig: a .bsdf, .binary or .dat file, or a name of `zonal materials`.
     #[arg(long, value_name = "MATERIAL")]
     simulate: Option<String>,
@@ -27,6 +33,15 @@ pub struct Args {
     /// Simulate a camera without shot and dark noise.
     #[arg(long)]
     noiseless: bool,
+    /// Simulate in real time.
+    #[arg(long)]
+    paced: bool,
+    /// Simulate a camera that cannot be triggered.
+    #[arg(long)]
+    free_running: bool,
+    /// Simulate faults, e.g. drop=0.01: drop, duplicate, repeat, reorder, flag, late (shares), late_s, stuck_after, lost_after, seed.
+    #[arg(long, value_name = "NAME=VALUE")]
+    fault: Vec<String>,
     /// Folder with the rig's calibrations; without it a simulated rig is calibrated first.
     #[arg(long)]
     calibration: Option<PathBuf>,
@@ -38,6 +53,12 @@ pub struct Args {
 pub fn run(args: &Args) -> anyhow::Result<Report> {
     let rig = common::rig(&args.rig)?;
     let plan = common::plan(&args.plan)?;
+    let faults = faults(&args.fault)?;
+    let mut bar = common::frames_bar("measure");
+    if args.resume {
+        let measured = resumed(args, &rig, &plan.to_toml(), faults, &mut bar)?;
+        return Ok(report(&measured.record, &args.out));
+    }
     common::makeable(&args.out)?;
     let Some(material) = &args.simulate else { return Err(common::no_devices()) };
     let sample = open(material)?;
@@ -46,21 +67,74 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
         config = config.noiseless();
     }
     // Found out before a calibration is made; the folder itself appears with the first frame.
-    let mut folder = RunFolder::create(&args.out, args.keep_frames)?;
+    let folder = RunFolder::create(&args.out, args.keep_frames)?;
     let calibration = common::calibration(args.calibration.as_deref(), &rig, &config)?;
-    let mut bench = common::bench(&rig, &config, sample);
+    let mut bench = on_time(common::bench(&rig, &config, sample), args).failing(faults);
     let provenance =
         Provenance { sample: material.clone(), simulation: Some(serde_json::to_value(&config).expect("plain data")) };
-    let mut bar = common::frames_bar("measure");
-    let measured = measure(&rig, &plan, &mut bench, &calibration, provenance, Some(&mut folder), &mut bar)?;
+    let control = common::steered();
+    let request =
+        Request { rig: &rig, plan: &plan, calibration: &calibration, provenance: &provenance, control: &control };
+    let measured = measure(&request, &mut bench, Some(&folder), &mut bar)?;
     Ok(report(&measured.record, &args.out))
+}
+
+/// Ends a run on the devices it was begun with.
+fn resumed(
+    args: &Args,
+    rig: &Rig,
+    plan: &str,
+    faults: Faults,
+    bar: &mut dyn FnMut(usize, usize),
+) -> anyhow::Result<Measurement> {
+    for (name, given) in [("rig.toml", rig.to_toml()), ("plan.toml", plan.to_owned())] {
+        let path = args.out.join(name);
+        if store::read_text(&path).context("this is no run to resume")? != given {
+            let message = format!("{} is not what was given: resume with the run's own", path.display());
+            return Err(BadUsage(message).into());
+        }
+    }
+    let bench = |rig: &Rig, record: &RunRecord| -> anyhow::Result<Box<dyn Bench>> {
+        let Some(simulation) = &record.provenance.simulation else { return Err(common::no_devices()) };
+        let config: TwinConfig = serde_json::from_value(simulation.clone())
+            .with_context(|| format!("{}: `simulation` is damaged: measure again", args.out.join("run.json").display()))?;
+        let sample = open(&record.provenance.sample)?;
+        Ok(Box::new(on_time(common::bench(rig, &config, sample), args).failing(faults)))
+    };
+    resume(&args.out, &common::steered(), bench, bar)
+}
+
+fn on_time(bench: TwinBench, args: &Args) -> TwinBench {
+    let bench = if args.paced { bench.paced() } else { bench };
+    if args.free_running { bench.free_running() } else { bench }
+}
+
+/// Faults from their names and values.
+fn faults(given: &[String]) -> anyhow::Result<Faults> {
+    let mut json = serde_json::Map::new();
+    for fault in given {
+        let number = fault.split_once('=').and_then(|(name, value)| {
+            let value = match value.parse::<u64>() {
+                Ok(n) => n.into(),
+                Err(_) => serde_json::Number::from_f64(value.parse().ok()?)?.into(),
+            };
+            Some((name.to_owned(), value))
+        });
+        let Some((name, value)) = number else {
+            return Err(BadUsage(format!("--fault {fault} is not NAME=NUMBER, e.g. --fault drop=0.01")).into());
+        };
+        json.insert(name, value);
+    }
+    serde_json::from_value(json.into()).map_err(|e| BadUsage(format!("--fault: {e}")).into())
 }
 
 /// What a run says at its end.
 pub fn report(record: &RunRecord, out: &std::path::Path) -> Report {
+    let capture = &record.capture;
     let text = format!(
         "order {}: {} images, {} frames, {:.1} s on the rig ({:.1} s exposure, {:.1} s readout wait, {:.1} s pattern change)\n\
          computed in {:.1} s, {:.2} s after the last frame; noise {:.3}% of DC, {:.2}% of pixels saturated\n\
+         {} frames taken again, engine {:.2} ms per frame, display latency {:.0} ms, lamp {:+.2}..{:+.2}%\n\
          coefficients.exr and run.json in {}",
         record.order,
         record.images,
@@ -73,6 +147,11 @@ pub fn report(record: &RunRecord, out: &std::path::Path) -> Report {
         record.post_s,
         100.0 * record.noise_rel,
         100.0 * record.saturated_fraction,
+        capture.rejected,
+        1e3 * capture.engine_s_per_frame,
+        1e3 * capture.latency_s,
+        100.0 * (capture.lamp[0] - 1.0),
+        100.0 * (capture.lamp[1] - 1.0),
         out.display()
     );
     let mut json = serde_json::to_value(record).expect("plain data");

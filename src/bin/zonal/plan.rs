@@ -25,7 +25,7 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
         plan.name,
         rig.name,
         plan.images(),
-        plan.exposure.count,
+        exposures.len(),
         exposures.join(", "),
         plan.repeats,
         plan.frames(),
@@ -34,6 +34,15 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
         items.readout_wait_s,
         items.pattern_change_s
     );
+    let text = match &plan.automatic {
+        Some(target) => format!(
+            "{text}\nas many exposures of {} to {} refresh periods are taken as noise of {}% needs: this is the time of two for each lobe",
+            target.shortest_refreshes,
+            target.longest_refreshes,
+            100.0 * target.noise_rel
+        ),
+        None => text,
+    };
     let json = serde_json::json!({
         "order": plan.order,
         "images": plan.images(),

@@ -1,0 +1,209 @@
+//! What is measured before the first frame: how bright the coded patch may be, how late the projector is, what the patch
+//! looks like.
+
+use super::CaptureError;
+use super::acquisition::{Acquisition, FROZEN_S};
+use super::device::Frame;
+use super::tag_reader::{TagModel, TagReading, Verdict};
+use crate::patterns::{Pattern, TagLayout};
+use crate::radiometry::Lamp;
+
+/// Time given to a projector of unknown latency, s; doubled where it is not enough.
+const SETTLE_S: f64 = 0.25;
+/// Changes of pattern whose latency is measured.
+const LATENCY_PROBES: usize = 4;
+/// Refresh periods a frame lasts that watches a change.
+const PROBE_REFRESHES: f64 = 8.0;
+/// Refresh periods of the frames the patch is learned from.
+const LEARNING_REFRESHES: f64 = 4.0;
+/// Share of the linear range that the patch may fill in the longest exposure.
+const HEADROOM: f64 = 0.7;
+/// Number of the first frame before a run: apart from the run's own.
+const PROBE_FIRST: u64 = 1 << 40;
+/// Number of the first frame the patch is learned from.
+const LEARNING_FIRST: u64 = 1 << 41;
+/// How often the patch is learned anew before it is given up.
+const ATTEMPTS: usize = 5;
+/// A share of a change below which it is over.
+const SETTLED: f64 = 0.02;
+
+impl Acquisition<'_> {
+    /// Makes the devices ready for `patterns`, each with its code drawn in. Measures the latency, learns the patch, loads
+    /// the sequence; `first_contrast` is the patch's contrast when the run began, `first` the number of the next frame.
+    ///
+    /// # Errors
+    /// [`CaptureError`].
+    pub fn prepare(
+        &mut self,
+        patterns: &[Pattern],
+        longest_s: f64,
+        first_contrast: Option<f64>,
+        first: u64,
+    ) -> Result<(), CaptureError> {
+        let layout = if self.rig.projector.tag { TagLayout::of(self.rig) } else { None };
+        match layout {
+            None => {
+                // Nothing shows when a frame is lit: what the projector says must do, with a margin.
+                self.latency_s = 2.0 / self.rig.projector.refresh_hz;
+                self.load(patterns)?;
+            }
+            Some(layout) => {
+                let model = self.learn_tag(&layout, &patterns[0], longest_s)?;
+                let light = first_contrast.map_or(1.0, |first| model.total() / first);
+                self.lamp = Lamp::new(light, light * model.total_sigma() / model.total());
+                let level = self.tag_level.expect("found with the model");
+                let sequence: Vec<Pattern> =
+                    patterns.iter().enumerate().map(|(i, p)| layout.draw(p, layout.code(i), level)).collect();
+                self.load(&sequence)?;
+                self.tag = Some(model);
+            }
+        }
+        self.restart(first)
+    }
+
+    /// Finds level and latency and learns the patch; again where a frame was late or lost on the way.
+    fn learn_tag(&mut self, layout: &TagLayout, any: &Pattern, longest_s: f64) -> Result<TagModel, CaptureError> {
+        let mut attempts = 0;
+        loop {
+            attempts += 1;
+            match self.try_learn_tag(layout, any, longest_s) {
+                Err(CaptureError::NoTag { .. } | CaptureError::Frozen { .. }) if attempts < ATTEMPTS => {}
+                result => return result,
+            }
+        }
+    }
+
+    fn try_learn_tag(&mut self, layout: &TagLayout, any: &Pattern, longest_s: f64) -> Result<TagModel, CaptureError> {
+        self.latency_s = 0.0;
+        self.restart(PROBE_FIRST)?;
+        let level = self.find_tag_level(layout, longest_s)?;
+        self.tag_level = Some(level);
+        let blank = Pattern { codes: vec![0; any.codes.len()].into(), ..*any };
+        let singles = (0..layout.bits().len()).map(|bit| 1 << bit);
+        // Code 0, every single bit, and the opposite of 0 for the clearest change.
+        let opposite = layout.codes() - 1;
+        let codes: Vec<usize> = std::iter::once(0).chain(singles).chain([opposite]).collect();
+        let probes: Vec<Pattern> = codes.iter().map(|&code| layout.draw(&blank, code, level)).collect();
+        self.load(&probes)?;
+        self.latency_s = self.measure_latency(layout, probes.len() - 1)?;
+        self.restart(LEARNING_FIRST)?;
+        let exposure_s = LEARNING_REFRESHES / self.rig.projector.refresh_hz;
+        let frames =
+            (0..probes.len()).map(|i| self.fresh(i, exposure_s, 0.0)).collect::<Result<Vec<_>, CaptureError>>()?;
+        let (check, learned) = frames.split_last().expect("there is code 0");
+        let no_tag = |problem| CaptureError::NoTag { problem };
+        let model = TagModel::learn(layout.clone(), self.sensor, learned).map_err(no_tag)?;
+        match model.judge(&model.read(check), opposite, 1.0) {
+            Verdict::Expected { .. } => Ok(model),
+            _ => Err(no_tag("its cells do not add up: the light is not steady, or the projector is late now and then".into())),
+        }
+    }
+
+    /// The brightest projector code at which the patch saturates in no exposure up to `longest_s`.
+    fn find_tag_level(&mut self, layout: &TagLayout, longest_s: f64) -> Result<u8, CaptureError> {
+        let p = &self.rig.projector;
+        let shortest_s = 1.0 / p.refresh_hz;
+        let blank = Pattern::full(p.width_px, p.height_px, 0);
+        let mut level = 255u8;
+        loop {
+            self.load(&[layout.draw(&blank, 0, level)])?;
+            let frame = self.fresh(0, shortest_s, SETTLE_S)?;
+            let reading = TagReading::of(layout, &self.sensor, &frame);
+            let range = self.sensor.limit_dn - self.sensor.black_level_dn;
+            let used = f64::from(reading.brightest_dn) - self.sensor.black_level_dn;
+            // Noise makes the brightest of many samples brighter than the rest: on the safe side.
+            let share = used.max(0.0) / range * longest_s.max(shortest_s) / shortest_s;
+            if used < range && share <= HEADROOM {
+                return Ok(level);
+            }
+            // Light grows faster than codes, so this dims by more than it must.
+            let factor = if used < range { HEADROOM / share } else { 0.5 };
+            level = (f64::from(level) * factor).floor().max(1.0) as u8;
+            if used < range || level == 1 {
+                return Ok(level);
+            }
+        }
+    }
+
+    /// A frame of `exposure_s` that begins when frame `index` has been lit for `settle_s`.
+    fn fresh(&mut self, index: usize, exposure_s: f64, settle_s: f64) -> Result<Frame, CaptureError> {
+        self.show(index)?;
+        self.set_exposure(exposure_s)?;
+        let start_s = self.lit_s() + settle_s;
+        self.frame_from(start_s, exposure_s)
+    }
+
+    /// The first good frame of `exposure_s` whose exposure begins at `start_s` or later.
+    fn frame_from(&mut self, start_s: f64, exposure_s: f64) -> Result<Frame, CaptureError> {
+        let mut rejections = super::acquisition::Rejections::default();
+        loop {
+            if self.is_triggered() {
+                self.expose(start_s)?;
+            }
+            match self.receive()? {
+                None => rejections.add(super::Rejection::Missing, self.waited_s())?,
+                Some(frame) if !frame.flags.good() => rejections.add(super::Rejection::Corrupt, self.waited_s())?,
+                Some(frame) => {
+                    // The same clock twice: a microsecond is rounding.
+                    let late_enough = frame.timestamp_s >= start_s - 1e-6;
+                    if late_enough && super::acquisition::near(frame.exposure_s, exposure_s) {
+                        return Ok(frame);
+                    }
+                    if frame.timestamp_s > start_s + FROZEN_S + exposure_s {
+                        rejections.add(super::Rejection::OtherExposure, self.waited_s())?;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Watches the change between probe 0 and `other`, both ways, and returns the worst time it took beyond the projector's
+    /// own word, with a refresh period for the phase that was not met.
+    fn measure_latency(&mut self, layout: &TagLayout, other: usize) -> Result<f64, CaptureError> {
+        let refresh_s = 1.0 / self.rig.projector.refresh_hz;
+        let probe_s = PROBE_REFRESHES * refresh_s;
+        let sensor = self.sensor;
+        let contrast = |frame: &Frame| TagReading::of(layout, &sensor, frame).contrast.iter().sum::<f64>();
+        let mut settle_s = SETTLE_S;
+        let ends = loop {
+            let ends = [self.fresh(0, probe_s, settle_s)?, self.fresh(other, probe_s, settle_s)?];
+            let [unlit, lit] = ends.each_ref().map(contrast);
+            let noise = TagReading::of(layout, &sensor, &ends[0]).variance.iter().sum::<f64>().sqrt();
+            if lit - unlit > 20.0 * noise {
+                break [unlit, lit];
+            }
+            settle_s *= 2.0;
+            if settle_s > FROZEN_S {
+                let problem = format!(
+                    "it changes by {:.0} e-/s when all its cells do, noise is {noise:.0} e-/s",
+                    lit - unlit
+                );
+                return Err(CaptureError::NoTag { problem });
+            }
+        };
+        let mut worst_s = 0.0f64;
+        for probe in 0..LATENCY_PROBES {
+            let target = if probe % 2 == 0 { 0 } else { other };
+            self.show(target)?;
+            let said_s = self.said_lit_s();
+            let mut changed_s = None;
+            loop {
+                let now_s = self.clock.now_s();
+                let frame = self.frame_from(if self.is_triggered() { now_s } else { f64::NEG_INFINITY }, probe_s)?;
+                let share = (contrast(&frame) - ends[0]) / (ends[1] - ends[0]);
+                let done = if target == 0 { 1.0 - share } else { share };
+                if done > SETTLED && done < 1.0 - SETTLED {
+                    changed_s = Some(frame.timestamp_s + (1.0 - done) * frame.exposure_s);
+                } else if done >= 1.0 - SETTLED {
+                    // A change between two exposures was over when this one began.
+                    worst_s = worst_s.max(changed_s.unwrap_or(frame.timestamp_s) - said_s);
+                    break;
+                }
+                if frame.timestamp_s > said_s + FROZEN_S {
+                    return Err(CaptureError::Frozen { waited_s: frame.timestamp_s - said_s });
+                }
+            }
+        }
+        Ok(worst_s.max(0.0) + refresh_s)
+    }
+}

@@ -1,0 +1,171 @@
+//! Exposures chosen for each pair of lobes while it is measured.
+
+use rayon::prelude::*;
+
+use crate::capture::{Exposer, ResponseImage};
+use crate::patterns::{AutomaticBracket, Timing};
+use crate::radiometry::Sensor;
+use crate::reduce::{CellMap, ChannelScale};
+
+/// A pixel whose exposure is predicted to end this many standard errors below the limit is expected not to saturate.
+const MARGIN_SIGMAS: f64 = 3.0;
+/// Ratio of neighbouring exposures among which is chosen.
+const LADDER: f64 = std::f64::consts::SQRT_2;
+/// Pixels the noise is predicted from; more would say the same.
+const SAMPLED_PIXELS: usize = 20_000;
+/// Most exposures beyond the first.
+const MAX_FURTHER: usize = 3;
+
+/// As few exposures as a noise target needs: one of the shortest kind for both lobes, and what their rates then ask for.
+pub struct AutomaticExposer {
+    sensor: Sensor,
+    cells: CellMap,
+    scale: ChannelScale,
+    gains: Vec<f64>,
+    noise_rel: f64,
+    shortest_s: f64,
+    /// Exposures to choose from, ascending, in whole refresh periods.
+    ladder: Vec<f64>,
+    /// What a pixel's variance counts for in the mean square standard error over cells.
+    weights: Vec<f64>,
+    /// RMS z_00, once its pair has been seen.
+    constant: Option<f64>,
+}
+
+impl AutomaticExposer {
+    /// Exposures for pairs whose lobe differences are divided by `gains`.
+    pub fn new(
+        target: &AutomaticBracket,
+        timing: &Timing,
+        sensor: Sensor,
+        cells: CellMap,
+        scale: ChannelScale,
+        gains: Vec<f64>,
+    ) -> Self {
+        let mut refreshes: Vec<u32> = std::iter::successors(Some(f64::from(target.longest_refreshes)), |n| Some(n / LADDER))
+            .map(|n| n.round() as u32)
+            .take_while(|&n| n >= target.shortest_refreshes.max(1))
+            .collect();
+        refreshes.dedup();
+        refreshes.reverse();
+        let weights = cells.noise_weights(&scale);
+        Self {
+            sensor,
+            cells,
+            scale,
+            gains,
+            noise_rel: target.noise_rel,
+            shortest_s: f64::from(target.shortest_refreshes) * timing.refresh_s,
+            ladder: refreshes.into_iter().map(|n| f64::from(n) * timing.refresh_s).collect(),
+            weights,
+            constant: None,
+        }
+    }
+
+    /// RMS over cells of the standard error that the coefficients of a pair will have, from expected rates of (weight,
+    /// rate) pixels of both lobes and all exposures.
+    fn predicted_sigma(&self, pixels: &[(f64, f64)], exposures_s: &[f64], gain: f64) -> f64 {
+        let floor = self.sensor.dark_noise_e.powi(2) + 1.0 / (12.0 * self.sensor.gain_dn_per_e.powi(2));
+        let range = (self.sensor.limit_dn - self.sensor.black_level_dn) / self.sensor.gain_dn_per_e;
+        let power: f64 = pixels
+            .par_iter()
+            .with_min_len(2048)
+            .map(|&(weight, rate)| {
+                let information: f64 = exposures_s
+                    .iter()
+                    .map(|&t| {
+                        let electrons = rate * t;
+                        let noise = electrons + floor;
+                        let fits = electrons + MARGIN_SIGMAS * noise.sqrt() < range;
+                        if fits { t * t / noise } else { 0.0 }
+                    })
+                    .sum();
+                weight / information
+            })
+            // In order: a sum that does not depend on the number of threads.
+            .collect::<Vec<_>>()
+            .iter()
+            .sum();
+        power.sqrt() / gain
+    }
+
+    /// The fewest exposures beyond `first`, and of those the shortest, that reach `limit`; the best there are if none does.
+    fn fewest(&self, pixels: &[(f64, f64)], gain: f64, limit: f64) -> Vec<f64> {
+        let sigma = |further: &[f64]| {
+            let mut all = vec![self.shortest_s];
+            all.extend(further);
+            self.predicted_sigma(pixels, &all, gain)
+        };
+        if sigma(&[]) <= limit {
+            return Vec::new();
+        }
+        let mut chosen: Vec<f64> = Vec::new();
+        for _ in 0..MAX_FURTHER {
+            let with = |t: f64| {
+                let mut set = chosen.clone();
+                set.push(t);
+                sigma(&set)
+            };
+            let tried: Vec<(f64, f64)> = self.ladder.iter().map(|&t| (t, with(t))).collect();
+            if let Some((t, _)) = tried.iter().find(|(_, sigma)| *sigma <= limit) {
+                chosen.push(*t);
+                break;
+            }
+            let best = tried.iter().min_by(|a, b| a.1.total_cmp(&b.1)).expect("a ladder has steps");
+            if best.1 >= sigma(&chosen) {
+                break;
+            }
+            chosen.push(best.0);
+        }
+        // Longest first, as in a fixed bracket.
+        chosen.sort_by(|a, b| b.total_cmp(a));
+        chosen
+    }
+
+    /// RMS of z_00 over cells and channels.
+    fn constant_of(&self, pair: [&ResponseImage; 2]) -> f64 {
+        let [positive, negative] = pair.map(|image| self.cells.apply(image).rate);
+        let grid = self.cells.grid();
+        let (mut sum, mut n) = (0.0, 0.0);
+        for (i, (p, q)) in positive.iter().zip(&negative).enumerate() {
+            let theta_o = grid.theta(i % grid.len() / grid.sectors());
+            let z = self.scale.at(&grid.zone(), theta_o, i / grid.len()) * (p - q) / self.gains[0];
+            if z.is_finite() {
+                sum += z * z;
+                n += 1.0;
+            }
+        }
+        f64::sqrt(sum / f64::max(n, 1.0))
+    }
+}
+
+impl Exposer for AutomaticExposer {
+    fn first(&self) -> Vec<f64> {
+        vec![self.shortest_s]
+    }
+
+    fn further(&mut self, k: usize, pair: [&ResponseImage; 2]) -> Vec<f64> {
+        if k == 0 || self.constant.is_none() {
+            self.constant = Some(self.constant_of(pair));
+        }
+        let limit = self.noise_rel * self.constant.expect("set above");
+        let counted: Vec<usize> = (0..self.weights.len()).filter(|&p| self.weights[p] > 0.0).collect();
+        let step = counted.len().div_ceil(SAMPLED_PIXELS).max(1);
+        let pixels: Vec<(f64, f64)> = counted
+            .iter()
+            .step_by(step)
+            .flat_map(|&p| pair.map(|image| (self.weights[p] * step as f64, f64::from(image.rate[p]))))
+            .filter(|(_, rate)| rate.is_finite())
+            .map(|(weight, rate)| (weight, rate.max(0.0)))
+            .collect();
+        if limit <= 0.0 || pixels.is_empty() { Vec::new() } else { self.fewest(&pixels, self.gains[k], limit) }
+    }
+
+    fn is_adaptive(&self) -> bool {
+        true
+    }
+
+    fn expected_frames(&self) -> usize {
+        4
+    }
+}

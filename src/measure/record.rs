@@ -1,0 +1,113 @@
+//! The record of a run.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::MeasureError;
+use crate::capture::RUN_FORMAT;
+use crate::optics::Rig;
+use crate::patterns::{Plan, RigTime};
+use crate::store::{self, StoreError};
+
+/// What is measured and by what: goes into the record as it is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Provenance {
+    /// Name or file of the sample.
+    pub sample: String,
+    /// The simulated rig, if it is one.
+    pub simulation: Option<serde_json::Value>,
+}
+
+impl Provenance {
+    /// One line for the headers of files: sample, rig, plan and the simulated rig with its seed.
+    pub(super) fn history(&self, rig: &Rig, plan: &Plan) -> String {
+        let simulation = self.simulation.as_ref().map_or_else(String::new, |s| format!("; simulated rig {s}"));
+        format!("sample {}; rig {}; plan {}{simulation}", self.sample, rig.name, plan.name)
+    }
+}
+
+/// `run.json`: the record of a run. Times in seconds, angles in degrees.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RunRecord {
+    /// Version of the run folder.
+    pub format: u32,
+    /// Program and version.
+    pub software: String,
+    /// `running` (or killed while it ran), `stopped`, `failed` or `complete`.
+    pub status: String,
+    /// Name of the rig.
+    pub rig: String,
+    /// Name of the plan.
+    pub plan: String,
+    /// What was measured and by what.
+    pub provenance: Provenance,
+    /// Zonal order.
+    pub order: usize,
+    /// Patterns shown.
+    pub images: usize,
+    /// Camera frames.
+    pub frames: usize,
+    /// Predicted wall time on the physical rig.
+    pub rig_s: f64,
+    /// What it is spent on.
+    pub rig_s_items: RigTime,
+    /// Time this program took from the first pattern to the coefficients.
+    pub compute_s: f64,
+    /// Time from the last frame to the coefficients.
+    pub post_s: f64,
+    /// Limits of the measured zone.
+    pub zone_deg: [f64; 2],
+    /// RMS sigma over RMS DC.
+    pub noise_rel: f64,
+    /// Share of zone pixels saturated in every exposure.
+    pub saturated_fraction: f64,
+    /// Divisor of each lobe difference.
+    pub gains: Vec<f64>,
+    /// How the frames came; not known of runs of older versions.
+    #[serde(default)]
+    pub capture: CaptureRecord,
+}
+
+/// How the frames of a run came.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct CaptureRecord {
+    /// Sessions it took: more than one if the run was resumed.
+    pub sessions: usize,
+    /// Frames that were no good and were taken again.
+    pub rejected: usize,
+    /// Frames a free-running camera took while patterns and settings changed, in the last session.
+    pub skipped: usize,
+    /// Time of the engine's own for each frame, in the last session.
+    pub engine_s_per_frame: f64,
+    /// From the projector's word that a frame is lit to its light.
+    pub latency_s: f64,
+    /// Whether a coded patch proved every frame.
+    pub tagged: bool,
+    /// Least and greatest light of the lamp relative to the start of the run; it is divided out.
+    pub lamp: [f64; 2],
+    /// Standard error of that, relative.
+    pub lamp_sigma: f64,
+}
+
+impl RunRecord {
+    /// Reads the record of a run folder.
+    ///
+    /// # Errors
+    /// [`StoreError`]; a record of a newer program is [`StoreError::Invalid`].
+    pub fn read(run: &Path) -> Result<Self, StoreError> {
+        store::read_versioned(&run.join("run.json"), RUN_FORMAT)
+    }
+
+    /// Reads the record of a run that has ended well.
+    ///
+    /// # Errors
+    /// As [`RunRecord::read`], and [`MeasureError::NotComplete`].
+    pub fn read_complete(run: &Path) -> Result<Self, MeasureError> {
+        let record = Self::read(run)?;
+        if record.status == "complete" {
+            return Ok(record);
+        }
+        Err(MeasureError::NotComplete { path: run.join("run.json"), status: record.status })
+    }
+}

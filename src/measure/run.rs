@@ -1,0 +1,270 @@
+//! Running a plan, and going on where a run stopped.
+
+use std::path::Path;
+use std::time::Instant;
+
+use super::record::CaptureRecord;
+use super::{AutomaticExposer, MeasureError, Provenance, RunRecord};
+use crate::basis::{OrderError, size};
+use crate::calibrate::CalibrationSet;
+use crate::capture::{
+    Bench, Bracket, CaptureError, Control, Crop, Engine, Exposer, Placement, Progress, RUN_FORMAT, ResponseImage, Run,
+    RunFolder, RunSummary, sensor,
+};
+use crate::geometry::ExitantGrid;
+use crate::optics::Rig;
+use crate::patterns::{LobePair, Lobes, Pattern, Plan, Timing};
+use crate::reduce::{CellMap, ChannelScale, Coefficients, ReduceError, Reducer};
+use crate::store;
+
+/// What is to be measured, and with what.
+#[derive(Clone, Copy)]
+pub struct Request<'a> {
+    /// The rig.
+    pub rig: &'a Rig,
+    /// The plan.
+    pub plan: &'a Plan,
+    /// The rig's calibrations.
+    pub calibration: &'a CalibrationSet,
+    /// What goes into the record.
+    pub provenance: &'a Provenance,
+    /// A way to pause and stop it.
+    pub control: &'a Control,
+}
+
+/// A finished measurement.
+pub struct Measurement {
+    /// The coefficients.
+    pub coefficients: Coefficients,
+    /// The record, as in `run.json`.
+    pub record: RunRecord,
+    /// The response to the first pattern (the constant function), for pictures.
+    pub first_response: ResponseImage,
+}
+
+/// Runs a plan on the sample. With `folder`, everything is recorded there.
+///
+/// # Errors
+/// [`MeasureError`]. Before the devices are open, there is no folder then; later it says `stopped` or `failed` in its record,
+/// and [`resume`] takes what is missing.
+pub fn measure(
+    request: &Request<'_>,
+    bench: &mut dyn Bench,
+    folder: Option<&RunFolder>,
+    progress: &mut Progress<'_>,
+) -> Result<Measurement, MeasureError> {
+    let Request { rig, plan, calibration, .. } = request;
+    let pairs = lobe_pairs(rig, plan, calibration)?;
+    let record = new_record(request, &pairs);
+    // Found out before a folder is made.
+    reducer(rig, plan, &record.gains, &calibration.scale, &record.provenance)?;
+    if let Some(folder) = folder {
+        folder.begin(|path| {
+            store::write(&path.join("rig.toml"), rig.to_toml().as_bytes())?;
+            store::write(&path.join("plan.toml"), plan.to_toml().as_bytes())?;
+            calibration.write(&path.join("calibration"), rig)?;
+            store::write_json(&path.join("run.json"), &record)
+        })?;
+    }
+    perform(request, bench, &pairs, record, folder, progress)
+}
+
+/// Goes on with a run that was stopped, failed or killed: takes the frames that are missing and reduces all.
+///
+/// The bench is that of the run's own `rig.toml`; `make_bench` gets that rig and the run's record.
+///
+/// # Errors
+/// [`MeasureError::Complete`] if nothing is missing, [`MeasureError::OldRun`], and as [`measure`].
+pub fn resume<E: From<MeasureError>>(
+    path: &Path,
+    control: &Control,
+    make_bench: impl FnOnce(&Rig, &RunRecord) -> Result<Box<dyn Bench>, E>,
+    progress: &mut Progress<'_>,
+) -> Result<Measurement, E> {
+    let (folder, record) = open(path)?;
+    let read = |name: &str| store::read_text(&folder.file(name)).map_err(MeasureError::from);
+    let rig = Rig::from_toml(&read("rig.toml")?).map_err(MeasureError::from)?;
+    let plan = Plan::from_toml(&read("plan.toml")?).map_err(MeasureError::from)?;
+    let calibration = CalibrationSet::read(&folder.file("calibration"), &rig).map_err(MeasureError::from)?;
+    let mut bench = make_bench(&rig, &record)?;
+    let provenance = record.provenance.clone();
+    let request = Request { rig: &rig, plan: &plan, calibration: &calibration, provenance: &provenance, control };
+    let pairs = lobe_pairs(&rig, &plan, &calibration).map_err(MeasureError::from)?;
+    Ok(perform(&request, bench.as_mut(), &pairs, record, Some(&folder), progress)?)
+}
+
+fn open(path: &Path) -> Result<(RunFolder, RunRecord), MeasureError> {
+    let folder = RunFolder::open(path)?;
+    let record = RunRecord::read(path)?;
+    let manifest = path.join("run.json");
+    if record.status == "complete" {
+        return Err(MeasureError::Complete { path: manifest });
+    }
+    if record.format < RUN_FORMAT {
+        return Err(MeasureError::OldRun { path: manifest, found: record.format });
+    }
+    Ok((folder, record))
+}
+
+fn new_record(request: &Request<'_>, pairs: &[LobePair]) -> RunRecord {
+    let Request { rig, plan, .. } = request;
+    let items = plan.rig_time(&Timing::of(rig));
+    RunRecord {
+        format: RUN_FORMAT,
+        software: concat!("zonal ", env!("CARGO_PKG_VERSION")).into(),
+        status: "running".into(),
+        rig: rig.name.clone(),
+        plan: plan.name.clone(),
+        provenance: request.provenance.clone(),
+        order: plan.order,
+        images: plan.images(),
+        frames: plan.frames(),
+        rig_s: items.total_s(),
+        rig_s_items: items,
+        compute_s: 0.0,
+        post_s: 0.0,
+        zone_deg: [rig.zone.theta_min_deg, rig.zone.theta_max_deg],
+        noise_rel: 0.0,
+        saturated_fraction: 0.0,
+        gains: pairs.iter().map(|p| p.gain).collect(),
+        capture: CaptureRecord::default(),
+    }
+}
+
+/// Takes what the folder does not hold yet, reduces all, and keeps the record true.
+fn perform(
+    request: &Request<'_>,
+    bench: &mut dyn Bench,
+    pairs: &[LobePair],
+    mut record: RunRecord,
+    folder: Option<&RunFolder>,
+    progress: &mut Progress<'_>,
+) -> Result<Measurement, MeasureError> {
+    let started = Instant::now();
+    record.capture.sessions += 1;
+    record.status = "running".into();
+    if let Some(folder) = folder {
+        store::write_json(&folder.file("run.json"), &record)?;
+    }
+    let captured = capture(request, bench, pairs, folder, progress);
+    let outcome = captured.and_then(|captured| finish(captured, &mut record, started, folder));
+    if let (Err(error), Some(folder)) = (&outcome, folder) {
+        let stopped = matches!(error, MeasureError::Capture(CaptureError::Stopped { .. }));
+        record.status = if stopped { "stopped" } else { "failed" }.into();
+        record.compute_s += started.elapsed().as_secs_f64();
+        // The error that ended the run is the one to report.
+        let _ = store::write_json(&folder.file("run.json"), &record);
+    }
+    outcome
+}
+
+/// The frames of a plan on a calibrated rig.
+///
+/// # Errors
+/// [`OrderError`].
+pub fn lobe_pairs(rig: &Rig, plan: &Plan, calibration: &CalibrationSet) -> Result<Vec<LobePair>, OrderError> {
+    let p = &rig.projector;
+    let lobes = Lobes::new(&rig.projector_map(), rig.zone(), plan.order, p.width_px, p.height_px)?;
+    Ok((0..size(plan.order)).map(|k| lobes.encode(k, &calibration.response, &calibration.flat)).collect())
+}
+
+struct Captured {
+    reducer: Reducer,
+    first_response: ResponseImage,
+    last_frame: Instant,
+    summary: RunSummary,
+}
+
+fn capture(
+    request: &Request<'_>,
+    bench: &mut dyn Bench,
+    pairs: &[LobePair],
+    folder: Option<&RunFolder>,
+    progress: &mut Progress<'_>,
+) -> Result<Captured, MeasureError> {
+    let Request { rig, plan, calibration, provenance, control } = *request;
+    let gains: Vec<f64> = pairs.iter().map(|p| p.gain).collect();
+    let mut reducer = reducer(rig, plan, &gains, &calibration.scale, provenance)?;
+    let patterns: Vec<Pattern> = pairs.iter().flat_map(|p| p.patterns.clone()).collect();
+    let timing = Timing::of(rig);
+    let exposures_s = plan.exposures_s(&timing);
+    let longest_s = exposures_s.iter().copied().fold(0.0, f64::max);
+    let crop = Crop::of_zone(rig);
+    let mut automatic;
+    let mut bracket;
+    let exposer: &mut dyn Exposer = match &plan.automatic {
+        Some(target) => {
+            let cells = CellMap::new(rig, crop, exitant_grid(rig, plan))?;
+            automatic =
+                AutomaticExposer::new(target, &timing, sensor(rig), cells, calibration.scale.clone(), gains.clone());
+            &mut automatic
+        }
+        None => {
+            bracket = Bracket(exposures_s);
+            &mut bracket
+        }
+    };
+    bench.place(Placement::Sample)?;
+    let mut last_frame = Instant::now();
+    let mut timed = |done: usize, all: usize| {
+        last_frame = Instant::now();
+        progress(done, all);
+    };
+    let mut first_response = None;
+    let run = Run { patterns: &patterns, repeats: plan.repeats, exposer, longest_s, crop, folder };
+    let summary = Engine::new(rig, bench, control.clone()).run(run, &mut timed, |lobe, response| {
+        reducer.add(lobe, &response);
+        first_response.get_or_insert(response);
+    })?;
+    let first_response = first_response.expect("a plan has lobes");
+    Ok(Captured { reducer, first_response, last_frame, summary })
+}
+
+fn exitant_grid(rig: &Rig, plan: &Plan) -> ExitantGrid {
+    ExitantGrid::new(rig.zone(), plan.exitant.rings, plan.exitant.sectors)
+}
+
+pub(super) fn reducer(
+    rig: &Rig,
+    plan: &Plan,
+    gains: &[f64],
+    scale: &ChannelScale,
+    provenance: &Provenance,
+) -> Result<Reducer, ReduceError> {
+    let cells = CellMap::new(rig, Crop::of_zone(rig), exitant_grid(rig, plan))?;
+    Ok(Reducer::new(cells, plan.order, gains.to_vec(), scale.clone(), provenance.history(rig, plan)))
+}
+
+fn finish(
+    captured: Captured,
+    record: &mut RunRecord,
+    started: Instant,
+    folder: Option<&RunFolder>,
+) -> Result<Measurement, MeasureError> {
+    let RunSummary { effort, frames, rejected, latency_s, tagged, light, light_sigma } = captured.summary;
+    record.saturated_fraction = captured.reducer.saturated_fraction();
+    record.frames = frames;
+    record.capture = CaptureRecord {
+        rejected,
+        skipped: effort.skipped,
+        engine_s_per_frame: effort.own_s / effort.frames.max(1) as f64,
+        latency_s,
+        tagged,
+        lamp: light,
+        lamp_sigma: light_sigma,
+        ..record.capture
+    };
+    let coefficients = captured.reducer.finish()?;
+    record.noise_rel = coefficients.noise_rel();
+    if let Some(folder) = folder {
+        coefficients.write(&folder.file("coefficients.exr"))?;
+    }
+    record.post_s = captured.last_frame.elapsed().as_secs_f64();
+    record.compute_s += started.elapsed().as_secs_f64();
+    record.status = "complete".into();
+    if let Some(folder) = folder {
+        store::write_json(&folder.file("run.json"), &record)?;
+        folder.tidy();
+    }
+    Ok(Measurement { coefficients, record: record.clone(), first_response: captured.first_response })
+}
