@@ -12,7 +12,10 @@ const WHITE_DN: f64 = 4095.0;
 const THREE: [f64; 3] = [1.0 / 60.0, 4.0 / 60.0, 16.0 / 60.0];
 /// Covers 1e6 e-/s.
 const FIVE: [f64; 5] = [1.0 / 2000.0, 4.0 / 2000.0, 16.0 / 2000.0, 64.0 / 2000.0, 256.0 / 2000.0];
+/// Pixels drawn at each rate: the errors of what is found are a fifth of the tolerances or less.
 const DRAWS: usize = 300_000;
+/// Near a limit rates are many and tolerances wide.
+const NEAR_DRAWS: usize = 50_000;
 
 fn normal_cdf(x: f64) -> f64 {
     0.5 * libm::erfc(-x * std::f64::consts::FRAC_1_SQRT_2)
@@ -70,7 +73,7 @@ struct Quality {
 }
 
 /// Draws against the exact bound. What the score says of each draw is taken out, so that far fewer draws are needed.
-fn quality(times: &[f64], rate: f64, seed: u64) -> Quality {
+fn quality(times: &[f64], rate: f64, draws: usize, seed: u64) -> Quality {
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
     let exact: Vec<Exact> = times.iter().map(|&t| Exact::new(rate, t)).collect();
     let bound = 1.0 / exact.iter().map(|e| e.information).sum::<f64>();
@@ -83,18 +86,18 @@ fn quality(times: &[f64], rate: f64, seed: u64) -> Quality {
                 let electrons = (shot.sample(&mut rng) + dark.sample(&mut rng)).min(FULL_WELL_E);
                 (CCD.black_level_dn + CCD.gain_dn_per_e * electrons).round().clamp(0.0, WHITE_DN) as u16
             };
-            (0..DRAWS).map(draw).collect()
+            (0..draws).map(draw).collect()
         })
         .collect();
-    let frames: Vec<_> = samples.iter().zip(times).map(|(s, &t)| ExposedRows::steady(s, DRAWS, t)).collect();
-    let (mut got, mut reported) = (vec![0.0; DRAWS], vec![0.0; DRAWS]);
-    CCD.merge_into(DRAWS, &frames, &PixelMaps::default(), &mut got, &mut reported);
+    let frames: Vec<_> = samples.iter().zip(times).map(|(s, &t)| ExposedRows::steady(s, draws, t)).collect();
+    let (mut got, mut reported) = (vec![0.0; draws], vec![0.0; draws]);
+    CCD.merge_into(draws, &frames, &PixelMaps::default(), &mut got, &mut reported);
     let score = |i: usize| -> f64 {
         exact.iter().zip(&samples).map(|(e, s)| e.score.get(usize::from(s[i])).copied().unwrap_or(e.score_censored)).sum()
     };
-    let n = DRAWS as f64;
+    let n = draws as f64;
     // estimate = rate + score x bound + rest; the first two have mean `rate` and variance `bound`.
-    let parts: Vec<(f64, f64)> = (0..DRAWS).map(|i| (bound * score(i), f64::from(got[i]) - rate)).collect();
+    let parts: Vec<(f64, f64)> = (0..draws).map(|i| (bound * score(i), f64::from(got[i]) - rate)).collect();
     let bias = parts.iter().map(|(s, d)| d - s).sum::<f64>() / n;
     let more: f64 = parts.iter().map(|(s, d)| (d - s - bias) * (d + s - bias)).sum::<f64>() / n;
     let variance = bound + more;
@@ -102,9 +105,10 @@ fn quality(times: &[f64], rate: f64, seed: u64) -> Quality {
     Quality { bias: bias / rate, variance: variance / bound, reported: mean / variance }
 }
 
-fn check(times: &[f64], rates: &[f64], bias: f64, variance: [f64; 2], reported: [f64; 2]) {
+fn check(times: &[f64], rates: &[f64], draws: usize, bias: f64, variance: [f64; 2], reported: [f64; 2]) {
+    let seed = 1000 * times.len();
     let found: Vec<Quality> =
-        rates.par_iter().enumerate().map(|(i, &rate)| quality(times, rate, 1000 * times.len() as u64 + i as u64)).collect();
+        rates.par_iter().enumerate().map(|(i, &rate)| quality(times, rate, draws, (seed + i) as u64)).collect();
     for (rate, q) in rates.iter().zip(&found) {
         println!("{rate:>9.0} e-/s: bias {:+.3}%, variance {:.4}, reported {:.4}", 100.0 * q.bias, q.variance, q.reported);
     }
@@ -124,14 +128,14 @@ const DIM_VARIANCE: [f64; 2] = [0.97, 1.03];
 
 #[test]
 fn three_exposures_are_merged_at_the_bound() {
-    check(&THREE, &[100.0], DIM_BIAS, DIM_VARIANCE, DIM_VARIANCE);
-    check(&THREE, &[1e3, 3e3, 1e4, 3e4, 1e5, 1.5e5, 3e5, 6e5, 7.5e5], BIAS, VARIANCE, VARIANCE);
+    check(&THREE, &[100.0], DRAWS, DIM_BIAS, DIM_VARIANCE, DIM_VARIANCE);
+    check(&THREE, &[1e3, 3e3, 1e4, 3e4, 1e5, 1.5e5, 3e5, 6e5, 7.5e5], DRAWS, BIAS, VARIANCE, VARIANCE);
 }
 
 #[test]
 fn five_exposures_are_merged_at_the_bound() {
-    check(&FIVE, &[100.0], DIM_BIAS, DIM_VARIANCE, DIM_VARIANCE);
-    check(&FIVE, &[1e3, 3e3, 1e4, 3e4, 6e4, 2e5, 5e5, 1e6, 1.5e6, 4e6], BIAS, VARIANCE, VARIANCE);
+    check(&FIVE, &[100.0], DRAWS, DIM_BIAS, DIM_VARIANCE, DIM_VARIANCE);
+    check(&FIVE, &[1e3, 3e3, 1e4, 3e4, 6e4, 2e5, 5e5, 1e6, 1.5e6, 4e6], DRAWS, BIAS, VARIANCE, VARIANCE);
 }
 
 /// Rates through the neighbourhood of the limit of exposure `t`, by standard errors of its sample.
@@ -143,7 +147,7 @@ fn neighbourhood(t: f64) -> Vec<f64> {
 /// Within some standard errors of a limit a draw either is seen or is not, and no estimate reaches the bound: one with a bias
 /// below 0.1 standard errors of the longer exposure (0.085% of the rate) has 1.3 times its variance somewhere, whatever it
 /// does (DESIGN.md). Samples judged by their own value have 2.2 to 2.6 times.
-const NEAR_VARIANCE: [f64; 2] = [0.95, 1.45];
+const NEAR_VARIANCE: [f64; 2] = [0.95, 1.6];
 /// A single draw does not tell on which side of the limit its rate lies, but the variance differs by a factor 4.
 const NEAR_REPORTED: [f64; 2] = [0.83, 1.08];
 
@@ -151,7 +155,7 @@ const NEAR_REPORTED: [f64; 2] = [0.83, 1.08];
 fn nothing_is_biased_near_the_limit_of_an_exposure() {
     for times in [&THREE[..], &FIVE[..]] {
         for &t in &times[1..] {
-            check(times, &neighbourhood(t), BIAS, NEAR_VARIANCE, NEAR_REPORTED);
+            check(times, &neighbourhood(t), NEAR_DRAWS, BIAS, NEAR_VARIANCE, NEAR_REPORTED);
         }
     }
 }

@@ -2,11 +2,9 @@
 
 use std::path::Path;
 
-use rayon::prelude::*;
-
 use super::Frame;
 use crate::optics::Rig;
-use crate::radiometry::Sensor;
+use crate::radiometry::{ExposedRows, PixelMaps, Sensor};
 use crate::store::{Layers, Plane, StoreError};
 
 /// A rectangle of the sensor: half-open, in pixels.
@@ -71,16 +69,11 @@ const ROUNDING_OF_VARIANCE: f32 = 1e-3;
 impl ResponseImage {
     /// Merges the exposures of one pattern.
     pub fn merge(sensor: &Sensor, crop: Crop, frames: &[Frame]) -> Self {
-        let merged: Vec<(f32, f32)> = (0..crop.len())
-            .into_par_iter()
-            .with_min_len(4096)
-            .map(|p| {
-                let (u, v) = crop.sensor_pixel(p);
-                let stack = frames.iter().map(|f| (f.samples[v * f.width + u], f.exposure_s));
-                sensor.merge(stack).map_or((f32::NAN, f32::NAN), |e| (e.rate as f32, e.variance as f32))
-            })
-            .collect();
-        let (rate, variance) = merged.into_iter().unzip();
+        let first = |f: &Frame| crop.v0 * f.width + crop.u0;
+        let rows: Vec<_> =
+            frames.iter().map(|f| ExposedRows::steady(&f.samples[first(f)..], f.width, f.exposure_s)).collect();
+        let (mut rate, mut variance) = (vec![0.0; crop.len()], vec![0.0; crop.len()]);
+        sensor.merge_into(crop.width, &rows, &PixelMaps::default(), &mut rate, &mut variance);
         Self { crop, rate, variance }
     }
 

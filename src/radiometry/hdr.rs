@@ -110,14 +110,17 @@ impl Sensor {
             return;
         }
         assert!(width > 0 && rate.len() % width == 0, "{} pixels are no rows of {width}", rate.len());
-        let bracket = Bracket::new(self, frames, maps);
+        let (bracket, arch) = (Bracket::new(self, frames, maps), pulp::Arch::new());
         rate.par_chunks_mut(width).zip(variance.par_chunks_mut(width)).enumerate().for_each_init(
             || Columns::new(frames.len()),
             |columns, (row, (rate, variance))| {
-                let blocks = rate.chunks_mut(BLOCK).zip(variance.chunks_mut(BLOCK)).enumerate();
-                for (block, (rate, variance)) in blocks {
-                    bracket.merge_block(columns, row, block * BLOCK, rate, variance);
-                }
+                // With the widest vectors that this processor has.
+                arch.dispatch(|| {
+                    let blocks = rate.chunks_mut(BLOCK).zip(variance.chunks_mut(BLOCK)).enumerate();
+                    for (block, (rate, variance)) in blocks {
+                        bracket.merge_block(columns, row, block * BLOCK, rate, variance);
+                    }
+                });
             },
         );
     }
@@ -180,6 +183,7 @@ impl<'a> Bracket<'a> {
     }
 
     /// Pixels `from..` of a row, as many as `rate` holds.
+    #[inline(always)]
     fn merge_block(&self, columns: &mut Columns, row: usize, from: usize, rate: &mut [f32], variance: &mut [f32]) {
         let n = rate.len();
         match self.maps.black_level_dn {
@@ -210,6 +214,7 @@ impl<'a> Bracket<'a> {
     }
 
     /// Iterated weights over the samples that are seen, and which pixels have an exposure near its limit.
+    #[inline(always)]
     fn merge_columns(&self, columns: &mut Columns, rate: &mut [f32], variance: &mut [f32]) {
         let n = rate.len();
         let (mut sum, mut information) = ([0.0f32; BLOCK], [0.0f32; BLOCK]);
