@@ -68,8 +68,10 @@ const BLOCK: usize = 256;
 const PASSES: usize = 3;
 /// An exposure whose predicted sample is nearer to the limit, in standard errors, is treated as censored.
 const NEAR: f64 = 5.0;
-/// Newton steps towards the censored estimate; they approach it from below and double their digits.
+/// Newton steps at most towards the censored estimate; they approach it from below and double their digits.
 const STEPS: usize = 6;
+/// Steps shorter than this, in standard errors, are the last.
+const CLOSE: f64 = 1e-3;
 /// Share of the first-order bias that is taken out. With all of it exposures a factor 4 apart would end 0.14 standard
 /// errors of the longer one too low above the limit; with this, errors on both sides of the limit are the same.
 const SHARE_OF_BIAS: f64 = 0.85;
@@ -110,17 +112,14 @@ impl Sensor {
             return;
         }
         assert!(width > 0 && rate.len() % width == 0, "{} pixels are no rows of {width}", rate.len());
-        let (bracket, arch) = (Bracket::new(self, frames, maps), pulp::Arch::new());
+        let bracket = Bracket::new(self, frames, maps);
         rate.par_chunks_mut(width).zip(variance.par_chunks_mut(width)).enumerate().for_each_init(
             || Columns::new(frames.len()),
             |columns, (row, (rate, variance))| {
-                // With the widest vectors that this processor has.
-                arch.dispatch(|| {
-                    let blocks = rate.chunks_mut(BLOCK).zip(variance.chunks_mut(BLOCK)).enumerate();
-                    for (block, (rate, variance)) in blocks {
-                        bracket.merge_block(columns, row, block * BLOCK, rate, variance);
-                    }
-                });
+                let blocks = rate.chunks_mut(BLOCK).zip(variance.chunks_mut(BLOCK)).enumerate();
+                for (block, (rate, variance)) in blocks {
+                    bracket.merge_block(columns, row, block * BLOCK, rate, variance);
+                }
             },
         );
     }
@@ -183,7 +182,6 @@ impl<'a> Bracket<'a> {
     }
 
     /// Pixels `from..` of a row, as many as `rate` holds.
-    #[inline(always)]
     fn merge_block(&self, columns: &mut Columns, row: usize, from: usize, rate: &mut [f32], variance: &mut [f32]) {
         let n = rate.len();
         match self.maps.black_level_dn {
@@ -214,7 +212,6 @@ impl<'a> Bracket<'a> {
     }
 
     /// Iterated weights over the samples that are seen, and which pixels have an exposure near its limit.
-    #[inline(always)]
     fn merge_columns(&self, columns: &mut Columns, rate: &mut [f32], variance: &mut [f32]) {
         let n = rate.len();
         let (mut sum, mut information) = ([0.0f32; BLOCK], [0.0f32; BLOCK]);
@@ -278,6 +275,9 @@ impl<'a> Bracket<'a> {
                 }
             }
             rate += score / slope;
+            if score * score < CLOSE * CLOSE * slope {
+                break;
+            }
         }
         let (mut information, mut skew) = (0.0, 0.0);
         for (s, _, seen, cuts) in samples() {
