@@ -3,8 +3,12 @@
 mod censored;
 mod flat_field;
 mod hdr;
+mod linearity;
 mod response;
+mod transfer;
 
 pub use flat_field::FlatField;
 pub use hdr::{Estimate, ExposedRows, PixelMaps, Rows, Sensor};
+pub use linearity::{LinearRange, LinearityError};
 pub use response::{Response, ResponseError};
+pub use transfer::{DarkMaps, Level, MIN_STACK, NonUniformity, PairMoments, PhotonTransfer, TransferError};
