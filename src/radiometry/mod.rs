@@ -1,5 +1,7 @@
 //! Response curves, the camera's noise, and the HDR estimate of one pixel's exposures. Pure.
 
+mod bounded;
+mod camera_response;
 mod censored;
 mod flat_field;
 mod hdr;
@@ -7,6 +9,7 @@ mod linearity;
 mod response;
 mod transfer;
 
+pub use camera_response::{CODES, CameraResponse, Stack, StackError, UNIT_CODE};
 pub use flat_field::FlatField;
 pub use hdr::{Estimate, ExposedRows, PixelMaps, Rows, Sensor};
 pub use linearity::{LinearRange, LinearityError};
