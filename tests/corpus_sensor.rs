@@ -14,7 +14,9 @@ const SATURATION_E: f64 = 14_008.0;
 const QUANTUM_EFFICIENCY: f64 = 0.45;
 
 fn corpus() -> std::path::PathBuf {
-    std::env::var_os("ZONAL_CORPUS").expect("feature `corpus` needs ZONAL_CORPUS, the folder of the measured data").into()
+    std::env::var_os("ZONAL_CORPUS")
+        .expect("feature `corpus` needs ZONAL_CORPUS, the folder of the measured data")
+        .into()
 }
 
 #[test]

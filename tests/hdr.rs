@@ -93,7 +93,11 @@ fn quality(times: &[f64], rate: f64, draws: usize, seed: u64) -> Quality {
     let (mut got, mut reported) = (vec![0.0; draws], vec![0.0; draws]);
     CCD.merge_into(draws, &frames, &PixelMaps::default(), &mut got, &mut reported);
     let score = |i: usize| -> f64 {
-        exact.iter().zip(&samples).map(|(e, s)| e.score.get(usize::from(s[i])).copied().unwrap_or(e.score_censored)).sum()
+        exact
+            .iter()
+            .zip(&samples)
+            .map(|(e, s)| e.score.get(usize::from(s[i])).copied().unwrap_or(e.score_censored))
+            .sum()
     };
     let n = draws as f64;
     // estimate = rate + score x bound + rest; the first two have mean `rate` and variance `bound`.
@@ -110,7 +114,12 @@ fn check(times: &[f64], rates: &[f64], draws: usize, bias: f64, variance: [f64; 
     let found: Vec<Quality> =
         rates.par_iter().enumerate().map(|(i, &rate)| quality(times, rate, draws, (seed + i) as u64)).collect();
     for (rate, q) in rates.iter().zip(&found) {
-        println!("{rate:>9.0} e-/s: bias {:+.3}%, variance {:.4}, reported {:.4}", 100.0 * q.bias, q.variance, q.reported);
+        println!(
+            "{rate:>9.0} e-/s: bias {:+.3}%, variance {:.4}, reported {:.4}",
+            100.0 * q.bias,
+            q.variance,
+            q.reported
+        );
     }
     for (rate, q) in rates.iter().zip(&found) {
         assert!(q.bias.abs() < bias, "{rate}: {q:?}");

@@ -32,10 +32,8 @@ fn images(response: fn(f64) -> f64) -> Vec<Vec<u8>> {
 
 #[test]
 fn responses_agree_with_opencv() {
-    let responses: [(&str, fn(f64) -> f64); 2] = [
-        ("power law", |x| 255.0 * x.powf(1.0 / 2.2)),
-        ("S-curve", |x| 300.0 / (1.0 + (0.15 / x).powf(1.3))),
-    ];
+    let responses: [(&str, fn(f64) -> f64); 2] =
+        [("power law", |x| 255.0 * x.powf(1.0 / 2.2)), ("S-curve", |x| 300.0 / (1.0 + (0.15 / x).powf(1.3)))];
     let mut cases = Vec::new();
     for (name, response) in responses {
         let images = images(response);

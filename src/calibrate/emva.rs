@@ -31,7 +31,9 @@ pub enum EmvaError {
         fault: &'static str,
     },
     /// Bright images without dark ones.
-    #[error("line {line}: no two dark images were taken with {exposure_ns} ns: add a line `d {exposure_ns}` with two images")]
+    #[error(
+        "line {line}: no two dark images were taken with {exposure_ns} ns: add a line `d {exposure_ns}` with two images"
+    )]
     NoDark {
         /// Line of the bright group.
         line: usize,
@@ -116,7 +118,9 @@ impl EmvaDescription {
                     let count = if kind == "b" { 2 } else { 1 };
                     let numbers: Vec<f64> = words.map_while(|w| w.parse().ok()).collect();
                     if numbers.len() != count || numbers.iter().any(|x| !x.is_finite() || *x < 0.0) {
-                        return Err(fault("begins no group: write `b EXPOSURE_NS PHOTONS` or `d EXPOSURE_NS`, not negative"));
+                        return Err(fault(
+                            "begins no group: write `b EXPOSURE_NS PHOTONS` or `d EXPOSURE_NS`, not negative",
+                        ));
                     }
                     let photons = numbers.get(1).copied();
                     groups.push(EmvaGroup { line, exposure_ns: numbers[0], photons, images: Vec::new() });
@@ -162,7 +166,8 @@ impl EmvaDescription {
         let bright = self.groups.iter().filter_map(|g| g.photons.map(|photons| (g, photons)));
         bright
             .map(|(group, light)| {
-                let alike = |d: &&EmvaGroup| d.photons.is_none() && d.exposure_ns == group.exposure_ns && d.images.len() > 1;
+                let alike =
+                    |d: &&EmvaGroup| d.photons.is_none() && d.exposure_ns == group.exposure_ns && d.images.len() > 1;
                 let no_dark = EmvaError::NoDark { line: group.line, exposure_ns: group.exposure_ns };
                 let dark = self.groups.iter().find(alike).ok_or(no_dark)?;
                 Ok(Level { light, bright: self.pair(folder, group)?, dark: self.pair(folder, dark)? })
@@ -198,7 +203,8 @@ impl EmvaDescription {
         let mut limits = image::Limits::default();
         (limits.max_image_width, limits.max_image_height) = (Some(self.width as u32), Some(self.height as u32));
         reader.limits(limits);
-        let decoded = reader.decode().map_err(|e| fault(format!("{e}; the image must be a PNG of the size in line `n`")))?;
+        let decoded =
+            reader.decode().map_err(|e| fault(format!("{e}; the image must be a PNG of the size in line `n`")))?;
         if (decoded.width() as usize, decoded.height() as usize) != (self.width, self.height) {
             let size = format!("{} x {} pixels", decoded.width(), decoded.height());
             return Err(fault(format!("{size}, described as {} x {}: correct line `n`", self.width, self.height)));
@@ -269,7 +275,9 @@ mod tests {
             EmvaDescription::parse(&text).unwrap().levels(folder.path()).map_err(|e| e.to_string())
         };
         assert_eq!(said("good.png", "40").unwrap()[0].bright, PairMoments { mean_dn: 4095.0, variance_dn2: 0.0 });
-        for (name, part) in [("small.png", "2 x 2"), ("wide.png", "line `n`"), ("high.png", "4096"), ("broken.png", "PNG")] {
+        for (name, part) in
+            [("small.png", "2 x 2"), ("wide.png", "line `n`"), ("high.png", "4096"), ("broken.png", "PNG")]
+        {
             let said = said(name, "40").unwrap_err();
             assert!(said.starts_with("line 3: ") && said.contains(part), "{said}");
         }

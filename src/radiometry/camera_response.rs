@@ -48,8 +48,8 @@ const USUAL_PIXELS: f64 = 70.0;
 /// Passes of Robertson's estimate at most, and the relative change that ends them.
 const PASSES: usize = 1000;
 const SETTLED: f64 = 1e-6;
-/// Pixels that two images must share to tell their exposures' ratio.
-const MIN_SHARED: usize = 100;
+/// Part of their pixels that two images must share to tell their exposures' ratio.
+const MIN_SHARED: f64 = 0.005;
 
 /// Images of the same pixels with known exposures, one colour channel.
 #[derive(Debug, Clone, Copy)]
@@ -66,11 +66,7 @@ impl<'a> Stack<'a> {
     ///
     /// # Errors
     /// [`StackError::Shape`], [`StackError::Shades`].
-    pub fn new(
-        images: &'a [&'a [u8]],
-        exposures_s: &'a [f64],
-        usable: RangeInclusive<u8>,
-    ) -> Result<Self, StackError> {
+    pub fn new(images: &'a [&'a [u8]], exposures_s: &'a [f64], usable: RangeInclusive<u8>) -> Result<Self, StackError> {
         let usable = [usable.start(), usable.end()].map(|z| usize::from(*z));
         let alike = images.windows(2).all(|i| i[0].len() == i[1].len());
         let positive = exposures_s.iter().all(|t| t.is_finite() && *t > 0.0);
@@ -222,12 +218,12 @@ impl CameraResponse {
     }
 
     /// How many times more light `longer` received than `shorter`: the median over pixels whose codes lie in `usable` in both.
-    /// `None` if fewer than 100 do, as with nearly black or white images: they say nothing of their exposure.
+    /// `None` if fewer than 1 in 200 do, as with nearly black or white images: what little they share is glare and grain.
     pub fn exposure_ratio(&self, shorter: &[u8], longer: &[u8], usable: RangeInclusive<u8>) -> Option<f64> {
         let shared = shorter.iter().zip(longer).filter(|(a, b)| usable.contains(a) && usable.contains(b));
         let mut ratios: Vec<f64> = shared.map(|(a, b)| self.exposure(*b) / self.exposure(*a)).collect();
         ratios.sort_by(f64::total_cmp);
-        (ratios.len() >= MIN_SHARED).then(|| ratios[ratios.len() / 2])
+        (ratios.len() as f64 > MIN_SHARED * shorter.len() as f64).then(|| ratios[ratios.len() / 2])
     }
 }
 

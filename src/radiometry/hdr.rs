@@ -222,7 +222,8 @@ impl<'a> Bracket<'a> {
                 for p in 0..n {
                     let (e, s) = (electrons[p], seconds[p]);
                     // Electrons over seconds is the Poisson estimate: a good start, and unbiased.
-                    let weight = if pass == 0 { (s > 0.0) as u8 as f32 } else { s / (rate[p].max(0.0) * s + self.floor) };
+                    let weight =
+                        if pass == 0 { (s > 0.0) as u8 as f32 } else { s / (rate[p].max(0.0) * s + self.floor) };
                     sum[p] += weight * e;
                     information[p] += weight * s;
                 }
@@ -255,9 +256,10 @@ impl<'a> Bracket<'a> {
         // Per sample: electrons for a rate of one, electrons, whether they are seen, whether censoring counts at all.
         let samples = || {
             let columns = columns.electrons.iter().zip(&columns.seconds);
-            self.seconds.iter().zip(columns).map(move |(&s, (e, seen))| {
-                (f64::from(s), f64::from(e[p]), seen[p] > 0.0, s > self.shortest)
-            })
+            self.seconds
+                .iter()
+                .zip(columns)
+                .map(move |(&s, (e, seen))| (f64::from(s), f64::from(e[p]), seen[p] > 0.0, s > self.shortest))
         };
         let sigma = |rate: f64, s: f64| (rate.max(0.0) * s + f64::from(self.floor)).sqrt();
         let mut rate = seen;

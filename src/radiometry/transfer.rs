@@ -15,13 +15,17 @@ pub enum TransferError {
         second: usize,
     },
     /// Too few levels below saturation.
-    #[error("{usable} levels of light lie below saturation (5% to 95% for linearity, up to 70% for the gain), 3 are needed: take more")]
+    #[error(
+        "{usable} levels of light lie below saturation (5% to 95% for linearity, up to 70% for the gain), 3 are needed: take more"
+    )]
     Levels {
         /// Usable levels.
         usable: usize,
     },
     /// Noise does not grow with the signal.
-    #[error("noise does not grow with the signal (gain {gain_dn_per_e} DN/e-): is the light steady and the gain fixed?")]
+    #[error(
+        "noise does not grow with the signal (gain {gain_dn_per_e} DN/e-): is the light steady and the gain fixed?"
+    )]
     Gain {
         /// Fitted gain, DN/e-.
         gain_dn_per_e: f64,
@@ -398,7 +402,8 @@ mod tests {
         assert_eq!(PairMoments::of(&[1, 2, 3], &[1, 2]), Err(TransferError::Pair { first: 3, second: 2 }));
         assert_eq!(PhotonTransfer::of(&[]), Err(TransferError::Levels { usable: 0 }));
         let dark = PairMoments { mean_dn: 1.0, variance_dn2: 2.0 };
-        let steady = |i: u32| Level { light: f64::from(i), bright: PairMoments { mean_dn: 9.0 * f64::from(i), ..dark }, dark };
+        let steady =
+            |i: u32| Level { light: f64::from(i), bright: PairMoments { mean_dn: 9.0 * f64::from(i), ..dark }, dark };
         let mut levels: Vec<Level> = (1..9).map(steady).collect();
         levels[7].bright.variance_dn2 = 2.5;
         assert_eq!(PhotonTransfer::of(&levels), Err(TransferError::Gain { gain_dn_per_e: 0.0 }));
