@@ -70,8 +70,9 @@ fn a_church_is_taken_with_steps_of_two() {
         }
     }
     for by_channel in by_channel {
-        for pair in 0..14 {
-            let mut three = [0, 1, 2].map(|c: usize| by_channel[c][pair]);
+        let [red, green, blue] = &by_channel[..] else { panic!("three colours") };
+        for ((r, g), b) in red.iter().zip(green).zip(blue) {
+            let mut three = [*r, *g, *b];
             three.sort_by(f64::total_cmp);
             assert!((three[1] / TRUE_RATIO - 1.0).abs() < RATIO, "{three:?}");
         }

@@ -72,26 +72,35 @@ struct Quality {
     reported: f64,
 }
 
+/// Samples of a pixel of that rate, by exposure: Poisson electrons, dark noise, a full well, rounding.
+fn draw(times: &[f64], rate: f64, draws: usize, seed: u64) -> Vec<Vec<u16>> {
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
+    let dark = Normal::new(0.0, CCD.dark_noise_e).unwrap();
+    let frame = |t: &f64| {
+        let shot = Poisson::new(rate * t).unwrap();
+        let sample = |_| {
+            let electrons = (shot.sample(&mut rng) + dark.sample(&mut rng)).min(FULL_WELL_E);
+            (CCD.black_level_dn + CCD.gain_dn_per_e * electrons).round().clamp(0.0, WHITE_DN) as u16
+        };
+        (0..draws).map(sample).collect()
+    };
+    times.iter().map(frame).collect()
+}
+
+/// Rates and variances of all pixels.
+fn merge(times: &[f64], samples: &[Vec<u16>], width: usize) -> [Vec<f32>; 2] {
+    let frames: Vec<_> = samples.iter().zip(times).map(|(s, &t)| ExposedRows::steady(s, width, t)).collect();
+    let (mut rate, mut variance) = (vec![0.0; samples[0].len()], vec![0.0; samples[0].len()]);
+    CCD.merge_into(width, &frames, &PixelMaps::default(), &mut rate, &mut variance);
+    [rate, variance]
+}
+
 /// Draws against the exact bound. What the score says of each draw is taken out, so that far fewer draws are needed.
 fn quality(times: &[f64], rate: f64, draws: usize, seed: u64) -> Quality {
-    let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
     let exact: Vec<Exact> = times.iter().map(|&t| Exact::new(rate, t)).collect();
     let bound = 1.0 / exact.iter().map(|e| e.information).sum::<f64>();
-    let dark = Normal::new(0.0, CCD.dark_noise_e).unwrap();
-    let samples: Vec<Vec<u16>> = times
-        .iter()
-        .map(|t| {
-            let shot = Poisson::new(rate * t).unwrap();
-            let draw = |_| {
-                let electrons = (shot.sample(&mut rng) + dark.sample(&mut rng)).min(FULL_WELL_E);
-                (CCD.black_level_dn + CCD.gain_dn_per_e * electrons).round().clamp(0.0, WHITE_DN) as u16
-            };
-            (0..draws).map(draw).collect()
-        })
-        .collect();
-    let frames: Vec<_> = samples.iter().zip(times).map(|(s, &t)| ExposedRows::steady(s, draws, t)).collect();
-    let (mut got, mut reported) = (vec![0.0; draws], vec![0.0; draws]);
-    CCD.merge_into(draws, &frames, &PixelMaps::default(), &mut got, &mut reported);
+    let samples = draw(times, rate, draws, seed);
+    let [got, reported] = merge(times, &samples, draws);
     let score = |i: usize| -> f64 {
         exact
             .iter()
@@ -167,4 +176,40 @@ fn nothing_is_biased_near_the_limit_of_an_exposure() {
             check(times, &neighbourhood(t), NEAR_DRAWS, BIAS, NEAR_VARIANCE, NEAR_REPORTED);
         }
     }
+}
+
+/// Wider steps leave less to tell what a censored sample was.
+#[test]
+fn wider_steps_cost_more_near_a_limit() {
+    check(&[1.0 / 60.0, 16.0 / 60.0], &neighbourhood(16.0 / 60.0), NEAR_DRAWS, 0.006, [0.3, 12.0], [0.2, 3.0]);
+}
+
+/// A rate cannot be negative, so that the variance told of a dark pixel does not fall below that of darkness.
+#[test]
+fn darkness_is_told_a_little_too_much_noise() {
+    let dark = quality(&THREE, 1e-6, DRAWS, 5);
+    println!("{dark:?}");
+    assert!((VARIANCE[0]..VARIANCE[1]).contains(&dark.variance) && (1.0..1.06).contains(&dark.reported), "{dark:?}");
+}
+
+/// Where the shortest exposure is at its limit only low samples are left: half of the pixels, 0.8 standard errors too dark.
+#[test]
+fn beyond_the_shortest_exposure_nothing_is_known() {
+    let limit = (CCD.limit_dn - 0.5 - CCD.black_level_dn) / CCD.gain_dn_per_e / THREE[0];
+    let [got, _] = merge(&THREE, &draw(&THREE, limit, NEAR_DRAWS, 9), NEAR_DRAWS);
+    let left: Vec<f64> = got.into_iter().filter(|r| !r.is_nan()).map(f64::from).collect();
+    let share = left.len() as f64 / NEAR_DRAWS as f64;
+    let bias = left.iter().sum::<f64>() / left.len() as f64 / limit - 1.0;
+    println!("{share:.3} of the pixels, {:+.2}%", 100.0 * bias);
+    assert!((share - 0.5).abs() < 0.02 && (-0.008..-0.006).contains(&bias), "{share} {bias}");
+}
+
+#[test]
+fn results_do_not_depend_on_threads() {
+    let samples = draw(&THREE, 1.07e5, 40_000, 3);
+    let of = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| merge(&THREE, &samples, 400)).map(|v| v.into_iter().map(f32::to_bits).collect::<Vec<_>>())
+    };
+    assert_eq!(of(1), of(3));
 }

@@ -108,7 +108,7 @@ impl EmvaDescription {
                     let &[bits, width, height] = &numbers[..] else {
                         return Err(fault("gives no size: write `n BITS WIDTH HEIGHT`"));
                     };
-                    let pixels = width.checked_mul(height).unwrap_or(usize::MAX);
+                    let pixels = width.saturating_mul(height);
                     if !(1..=16).contains(&bits) || !(2..=MAX_PIXELS).contains(&pixels) {
                         return Err(fault("is no sensor's size: bits are 1 to 16, pixels 2 to 2^28"));
                     }

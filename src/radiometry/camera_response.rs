@@ -266,6 +266,8 @@ mod tests {
     use rand_distr::{Distribution, StandardNormal};
     use rand_xoshiro::Xoshiro256PlusPlus;
 
+    type Curve = fn(f64) -> f64;
+
     /// Code of an exposure, before it is clipped at 255.
     fn power_law(x: f64) -> f64 {
         255.0 * x.powf(1.0 / 2.2)
@@ -288,7 +290,7 @@ mod tests {
         0.15 / (FILM_WHITE / code - 1.0).powf(1.0 / 1.3)
     }
 
-    fn images(response: fn(f64) -> f64, exposures: &[f64], pixels: usize) -> Vec<Vec<u8>> {
+    fn images(response: Curve, exposures: &[f64], pixels: usize) -> Vec<Vec<u8>> {
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(1997);
         let light: Vec<f64> = (0..pixels).map(|_| (9.0 * (rng.random::<f64>() - 0.7)).exp()).collect();
         let mut code = |x: f64| {
@@ -302,7 +304,7 @@ mod tests {
     const JUDGED: RangeInclusive<u8> = 15..=240;
 
     /// Greatest relative error of exposures over [`JUDGED`] against a known inverse.
-    fn worst(got: &CameraResponse, inverse: fn(f64) -> f64) -> f64 {
+    fn worst(got: &CameraResponse, inverse: Curve) -> f64 {
         let want = |z: u8| inverse(f64::from(z)) / inverse(128.0);
         JUDGED.map(|z| (got.exposure(z) / want(z) - 1.0).abs()).fold(0.0, f64::max)
     }
@@ -314,8 +316,8 @@ mod tests {
 
     #[test]
     fn known_responses_are_recovered() {
-        let cases: [(fn(f64) -> f64, fn(f64) -> f64); 2] = [(power_law, power_law_inverse), (s_curve, s_curve_inverse)];
-        for (response, inverse) in cases {
+        let cases: [[Curve; 2]; 2] = [[power_law, power_law_inverse], [s_curve, s_curve_inverse]];
+        for [response, inverse] in cases {
             let images = images(response, &EXPOSURES_S, 3000);
             let images: Vec<&[u8]> = images.iter().map(Vec::as_slice).collect();
             let stack = Stack::new(&images, &EXPOSURES_S, 0..=255).unwrap();

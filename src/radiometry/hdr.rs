@@ -111,7 +111,7 @@ impl Sensor {
         if rate.is_empty() {
             return;
         }
-        assert!(width > 0 && rate.len() % width == 0, "{} pixels are no rows of {width}", rate.len());
+        assert!(width > 0 && rate.len().is_multiple_of(width), "{} pixels are no rows of {width}", rate.len());
         let bracket = Bracket::new(self, frames, maps);
         rate.par_chunks_mut(width).zip(variance.par_chunks_mut(width)).enumerate().for_each_init(
             || Columns::new(frames.len()),
@@ -228,25 +228,20 @@ impl<'a> Bracket<'a> {
                     information[p] += weight * s;
                 }
             }
-            for p in 0..n {
-                rate[p] = sum[p] / information[p];
+            for ((rate, sum), information) in rate.iter_mut().zip(&sum).zip(&information) {
+                *rate = sum / information;
             }
-        }
-        for p in 0..n {
-            variance[p] = 1.0 / information[p];
         }
         columns.near.fill(false);
         let near_squared = (NEAR * NEAR) as f32;
         for &s in self.seconds.iter().filter(|&&s| s > self.shortest) {
-            for p in 0..n {
-                let above = rate[p] * s - (self.threshold_dn - columns.black_dn[p]) * self.e_per_dn;
-                columns.near[p] |= above * above < near_squared * (rate[p].max(0.0) * s + self.floor);
+            for ((near, rate), black_dn) in columns.near.iter_mut().zip(rate.iter()).zip(&columns.black_dn) {
+                let above = rate * s - (self.threshold_dn - black_dn) * self.e_per_dn;
+                *near |= above * above < near_squared * (rate.max(0.0) * s + self.floor);
             }
         }
-        for p in 0..n {
-            if information[p] == 0.0 {
-                variance[p] = f32::NAN;
-            }
+        for (variance, information) in variance.iter_mut().zip(&information) {
+            *variance = if *information > 0.0 { 1.0 / information } else { f32::NAN };
         }
     }
 
