@@ -20,7 +20,9 @@ const DEBEVEC: f64 = 0.03;
 const ROBERTSON: f64 = 1e-3;
 const JUDGED: [usize; 2] = [20, 235];
 
-fn images(response: fn(f64) -> f64) -> Vec<Vec<u8>> {
+type Curve = fn(f64) -> f64;
+
+fn images(response: Curve) -> Vec<Vec<u8>> {
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(2003);
     let light: Vec<f64> = (0..ROWS * COLUMNS).map(|_| (9.0 * (rng.random::<f64>() - 0.7)).exp()).collect();
     let mut code = |x: f64| {
@@ -32,7 +34,7 @@ fn images(response: fn(f64) -> f64) -> Vec<Vec<u8>> {
 
 #[test]
 fn responses_agree_with_opencv() {
-    let responses: [(&str, fn(f64) -> f64); 2] =
+    let responses: [(&str, Curve); 2] =
         [("power law", |x| 255.0 * x.powf(1.0 / 2.2)), ("S-curve", |x| 300.0 / (1.0 + (0.15 / x).powf(1.3)))];
     let mut cases = Vec::new();
     for (name, response) in responses {
