@@ -324,7 +324,6 @@ mod tests {
             let debevec = CameraResponse::debevec(&stack, 3.0).unwrap();
             let robertson = CameraResponse::robertson(&stack).unwrap();
             let errors = [worst(&debevec, inverse), worst(&robertson, inverse)];
-            println!("{errors:?}");
             assert!(errors[0] < DEBEVEC && errors[1] < ROBERTSON, "{errors:?}");
             for got in [debevec, robertson] {
                 assert_eq!(got.exposure(128), 1.0);

@@ -328,7 +328,6 @@ mod tests {
             })
             .collect();
         let got = PhotonTransfer::of(&levels).unwrap();
-        println!("{got:?}");
         let near = |got: f64, want: f64, share: f64| assert!((got / want - 1.0).abs() < share, "{got} for {want}");
         // A variance of 40,000 differences is known to 0.7%; a dozen levels are fitted.
         near(got.gain_dn_per_e, GAIN, 0.005);
@@ -392,7 +391,6 @@ mod tests {
             GAIN,
         )
         .unwrap();
-        println!("{got:?}");
         assert!((got.dsnu_e / DSNU_E - 1.0).abs() < 0.03, "{got:?}");
         assert!((got.prnu_rel / PRNU - 1.0).abs() < 0.03, "{got:?}");
     }
