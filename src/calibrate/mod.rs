@@ -1,5 +1,6 @@
 //! The procedures that measure what a measurement must know of the rig, and the files they leave.
 
+mod emva;
 mod procedures;
 mod set;
 
@@ -11,6 +12,7 @@ use crate::radiometry::ResponseError;
 use crate::reduce::ReduceError;
 use crate::store::StoreError;
 
+pub use emva::{EmvaDescription, EmvaError, EmvaGroup};
 pub use procedures::{GRAY_CARD_ALBEDO, GrayCardCheck, flat_field, gray_card, gray_card_coefficients, gray_card_plan, response};
 pub use set::CalibrationSet;
 

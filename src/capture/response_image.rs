@@ -2,11 +2,9 @@
 
 use std::path::Path;
 
-use rayon::prelude::*;
-
 use super::Taken;
 use crate::optics::Rig;
-use crate::radiometry::Sensor;
+use crate::radiometry::{ExposedRows, PixelMaps, Rows, Sensor};
 use crate::store::{Layers, Plane, StoreError};
 
 /// A rectangle of the sensor: half-open, in pixels.
@@ -69,17 +67,18 @@ const ROUNDING_OF_SIGMA: f32 = 0.1;
 const ROUNDING_OF_VARIANCE: f32 = 1e-3;
 
 impl ResponseImage {
-    /// Merges the exposures of one pattern, each divided by the lamp's light while it was taken.
-    pub fn merge(sensor: &Sensor, crop: Crop, frames: &[Taken]) -> Self {
-        let merged: Vec<(f32, f32)> = (0..crop.len())
-            .into_par_iter()
-            .with_min_len(4096)
-            .map(|p| {
-                let stack = frames.iter().map(|f| (f.samples[p], f.exposure_s * f.light));
-                sensor.merge(stack).map_or((f32::NAN, f32::NAN), |e| (e.rate as f32, e.variance as f32))
+    /// Merges the exposures of one pattern, each with the lamp's light while it was taken. Pixels a map calls bad are NaN.
+    pub fn merge(sensor: &Sensor, maps: &PixelMaps<'_>, crop: Crop, frames: &[Taken]) -> Self {
+        let rows: Vec<_> = frames
+            .iter()
+            .map(|f| ExposedRows {
+                samples: Rows { values: &f.samples, stride: crop.width },
+                exposure_s: f.exposure_s,
+                light: f.light,
             })
             .collect();
-        let (rate, variance) = merged.into_iter().unzip();
+        let (mut rate, mut variance) = (vec![0.0; crop.len()], vec![0.0; crop.len()]);
+        sensor.merge_into(crop.width, &rows, maps, &mut rate, &mut variance);
         Self { crop, rate, variance }
     }
 
