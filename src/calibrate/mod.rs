@@ -13,7 +13,9 @@ use crate::reduce::ReduceError;
 use crate::store::StoreError;
 
 pub use emva::{EmvaDescription, EmvaError, EmvaGroup};
-pub use procedures::{GRAY_CARD_ALBEDO, GrayCardCheck, flat_field, gray_card, gray_card_coefficients, gray_card_plan, response};
+pub use procedures::{
+    GRAY_CARD_ALBEDO, GrayCardCheck, flat_field, gray_card, gray_card_coefficients, gray_card_plan, response,
+};
 pub use set::CalibrationSet;
 
 /// Why a calibration failed.

@@ -186,9 +186,8 @@ pub fn gray_card_plan(rig: &Rig) -> Plan {
     let plan = Plan::of_order(2);
     let Exitant { rings, sectors } = plan.exitant;
     let grids = [1, 2, 4, 8].map(|n| Exitant { rings: rings / n, sectors: sectors / n });
-    let fills = |e: &Exitant| {
-        CellMap::new(rig, Crop::of_zone(rig), ExitantGrid::new(rig.zone(), e.rings, e.sectors)).is_ok()
-    };
+    let fills =
+        |e: &Exitant| CellMap::new(rig, Crop::of_zone(rig), ExitantGrid::new(rig.zone(), e.rings, e.sectors)).is_ok();
     // Where none does, the finest tells why.
     Plan { exitant: grids.into_iter().find(fills).unwrap_or(plan.exitant), ..plan }
 }
@@ -219,7 +218,15 @@ pub fn gray_card(
     let longest_s = exposures_s.iter().copied().fold(0.0, f64::max);
     let mut exposer = Bracket(exposures_s);
     let crop = Crop::of_zone(rig);
-    let run = Run { patterns: &patterns, repeats: plan.repeats, exposer: &mut exposer, longest_s, crop, folder: None };
+    let run = Run {
+        patterns: &patterns,
+        repeats: plan.repeats,
+        exposer: &mut exposer,
+        longest_s,
+        crop,
+        maps: None,
+        folder: None,
+    };
     Engine::new(rig, bench, Control::default()).run(run, progress, |lobe, image| reducer.add(lobe, &image))?;
     let raw = reducer.finish()?;
     let want = gray_card_coefficients(rig.zone(), plan.order, GRAY_CARD_ALBEDO)[0];

@@ -59,7 +59,8 @@ impl CalibrationSet {
     pub fn make(rig: &Rig, bench: &mut dyn Bench, progress: &mut Progress<'_>) -> Result<Self, CalibrateError> {
         let response = procedures::response(rig, bench)?;
         let flat = procedures::flat_field(rig, bench)?;
-        let (scale, check) = procedures::gray_card(rig, bench, &procedures::gray_card_plan(rig), &response, &flat, progress)?;
+        let (scale, check) =
+            procedures::gray_card(rig, bench, &procedures::gray_card_plan(rig), &response, &flat, progress)?;
         Ok(Self { response, flat, scale, check })
     }
 

@@ -131,11 +131,7 @@ impl<'a> Acquisition<'a> {
     ///
     /// # Errors
     /// [`CaptureError::Limits`] before anything is opened; [`CaptureError::Device`].
-    pub fn open(
-        rig: &'a Rig,
-        bench: &mut dyn Bench,
-        exposures_s: &[f64],
-    ) -> Result<Self, CaptureError> {
+    pub fn open(rig: &'a Rig, bench: &mut dyn Bench, exposures_s: &[f64]) -> Result<Self, CaptureError> {
         let camera_limits = bench.camera().limits()?;
         let projector_limits = bench.projector().limits()?;
         check_camera(rig, &camera_limits, exposures_s)?;
@@ -485,8 +481,10 @@ fn check_camera(rig: &Rig, limits: &CameraLimits, exposures_s: &[f64]) -> Result
         |problem, remedy| CaptureError::Limits { device: "camera", name: limits.name.clone(), problem, remedy };
     let c = &rig.camera;
     if (limits.width, limits.height) != (c.width_px, c.height_px) {
-        let problem =
-            format!("delivers {} x {} px, the rig file says {} x {}", limits.width, limits.height, c.width_px, c.height_px);
+        let problem = format!(
+            "delivers {} x {} px, the rig file says {} x {}",
+            limits.width, limits.height, c.width_px, c.height_px
+        );
         return Err(cannot(problem, "correct camera.width_px and camera.height_px or the camera's mode"));
     }
     let (shortest, longest) = (limits.shortest_s, limits.longest_s);
@@ -507,8 +505,10 @@ fn check_projector(rig: &Rig, limits: &ProjectorLimits) -> Result<(), CaptureErr
         |problem, remedy| CaptureError::Limits { device: "projector", name: limits.name.clone(), problem, remedy };
     let p = &rig.projector;
     if (limits.width, limits.height) != (p.width_px, p.height_px) {
-        let problem =
-            format!("shows {} x {} px, the rig file says {} x {}", limits.width, limits.height, p.width_px, p.height_px);
+        let problem = format!(
+            "shows {} x {} px, the rig file says {} x {}",
+            limits.width, limits.height, p.width_px, p.height_px
+        );
         return Err(cannot(problem, "set its native mode or correct projector.width_px and projector.height_px"));
     }
     // Exposures are whole refresh periods: a tenth of a percent is half a refresh of a long exposure.

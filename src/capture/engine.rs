@@ -9,7 +9,7 @@ use super::acquisition::{Accepted, Acquisition, Effort, Refused, Taken};
 use super::journal::{FrameEntry, Journal, JournalEntry, Recorded};
 use super::state::{Control, Input, State};
 use super::worker::{LobeFrames, Pair, Worker, channel};
-use super::{Bench, CaptureError, Crop, Exposer, ResponseImage, RunFolder};
+use super::{Bench, CaptureError, Crop, Exposer, ResponseImage, RunFolder, SensorMaps};
 use crate::optics::Rig;
 use crate::patterns::{Lobe, Pattern, Sign};
 
@@ -31,6 +31,8 @@ pub struct Run<'a> {
     pub longest_s: f64,
     /// The part of the sensor that is merged.
     pub crop: Crop,
+    /// What is known of single pixels.
+    pub maps: Option<&'a SensorMaps>,
     /// Where frames are journaled and responses stored as they come; what it holds already is not taken again.
     pub folder: Option<&'a RunFolder>,
 }
@@ -150,6 +152,7 @@ impl<'a> Engine<'a> {
         let worker = Worker {
             sensor: devices.sensor,
             crop: run.crop,
+            maps: run.maps,
             repeats: run.repeats,
             folder: run.folder,
             memory: vec![Vec::new(); functions],
@@ -197,8 +200,7 @@ impl<'a> Engine<'a> {
                 let mut frames: [Vec<(usize, Taken)>; 2] = [Vec::new(), Vec::new()];
                 let first = run.exposer.first();
                 let adaptive = run.exposer.is_adaptive();
-                let mut stages =
-                    vec![(0, first.clone(), Some(2 * k + 1)), (1, first, after.filter(|_| !adaptive))];
+                let mut stages = vec![(0, first.clone(), Some(2 * k + 1)), (1, first, after.filter(|_| !adaptive))];
                 let mut stage = 0;
                 while stage < stages.len() {
                     let (i, exposures, next) = stages[stage].clone();
@@ -210,7 +212,7 @@ impl<'a> Engine<'a> {
                     if stage == 2 && adaptive {
                         let merged = frames.each_ref().map(|frames| {
                             let taken: Vec<Taken> = frames.iter().map(|(_, taken)| taken.clone()).collect();
-                            ResponseImage::merge(&devices.sensor, run.crop, &taken)
+                            ResponseImage::merge(&devices.sensor, run.maps, run.crop, &taken)
                         });
                         let more = run.exposer.further(k, merged.each_ref());
                         if !more.is_empty() {
@@ -356,13 +358,7 @@ impl Step<'_, '_, '_, '_> {
         Ok(Taken { samples, exposure_s, light, frame: whole })
     }
 
-    fn note(
-        &mut self,
-        index: usize,
-        lobe: Lobe,
-        exposure_s: f64,
-        refused: Refused,
-    ) -> Result<(), CaptureError> {
+    fn note(&mut self, index: usize, lobe: Lobe, exposure_s: f64, refused: Refused) -> Result<(), CaptureError> {
         let Refused { reason, sequence } = refused;
         let entry = JournalEntry::Rejected { index, lobe, exposure_s, sequence, reason: reason.to_string() };
         Ok(self.session.journal.as_mut().map_or(Ok(()), |j| j.append(&entry))?)

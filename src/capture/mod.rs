@@ -26,7 +26,7 @@ pub use device::{
 pub use engine::{Engine, Progress, Run, RunSummary};
 pub use exposer::{Bracket, Exposer};
 pub use journal::{Journal, JournalEntry, Recorded};
-pub use response_image::{Crop, ResponseImage};
+pub use response_image::{Crop, ResponseImage, SensorMaps};
 pub use run_folder::{RUN_FORMAT, RunFolder};
 pub use sequence::capture_sequence;
 pub use state::{Control, Input, State};

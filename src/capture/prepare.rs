@@ -95,7 +95,9 @@ impl Acquisition<'_> {
         let model = TagModel::learn(layout.clone(), self.sensor, learned).map_err(no_tag)?;
         match model.judge(&model.read(check), opposite, 1.0) {
             Verdict::Expected { .. } => Ok(model),
-            _ => Err(no_tag("its cells do not add up: the light is not steady, or the projector is late now and then".into())),
+            _ => Err(no_tag(
+                "its cells do not add up: the light is not steady, or the projector is late now and then".into(),
+            )),
         }
     }
 
@@ -174,10 +176,8 @@ impl Acquisition<'_> {
             }
             settle_s *= 2.0;
             if settle_s > FROZEN_S {
-                let problem = format!(
-                    "it changes by {:.0} e-/s when all its cells do, noise is {noise:.0} e-/s",
-                    lit - unlit
-                );
+                let problem =
+                    format!("it changes by {:.0} e-/s when all its cells do, noise is {noise:.0} e-/s", lit - unlit);
                 return Err(CaptureError::NoTag { problem });
             }
         };

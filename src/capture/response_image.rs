@@ -50,6 +50,28 @@ impl Crop {
     }
 }
 
+/// What dark frames tell of the single pixels of a sensor, row by row.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SensorMaps {
+    /// Columns of the sensor.
+    pub width: usize,
+    /// Mean value in darkness, DN.
+    pub black_dn: Vec<f32>,
+    /// Pixels that are not to be used.
+    pub bad: Vec<bool>,
+}
+
+impl SensorMaps {
+    /// The part of the maps that a crop covers.
+    fn part(&self, crop: Crop) -> PixelMaps<'_> {
+        let (first, stride) = (crop.v0 * self.width + crop.u0, self.width);
+        PixelMaps {
+            black_level_dn: Some(Rows { values: &self.black_dn[first..], stride }),
+            bad: Some(Rows { values: &self.bad[first..], stride }),
+        }
+    }
+}
+
 /// A merged response in electrons per second. Pixels saturated in every exposure are NaN.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ResponseImage {
@@ -67,8 +89,8 @@ const ROUNDING_OF_SIGMA: f32 = 0.1;
 const ROUNDING_OF_VARIANCE: f32 = 1e-3;
 
 impl ResponseImage {
-    /// Merges the exposures of one pattern, each with the lamp's light while it was taken. Pixels a map calls bad are NaN.
-    pub fn merge(sensor: &Sensor, maps: &PixelMaps<'_>, crop: Crop, frames: &[Taken]) -> Self {
+    /// Merges the exposures of one pattern, each with the lamp's light while it was taken. Bad pixels are NaN.
+    pub fn merge(sensor: &Sensor, maps: Option<&SensorMaps>, crop: Crop, frames: &[Taken]) -> Self {
         let rows: Vec<_> = frames
             .iter()
             .map(|f| ExposedRows {
@@ -78,7 +100,8 @@ impl ResponseImage {
             })
             .collect();
         let (mut rate, mut variance) = (vec![0.0; crop.len()], vec![0.0; crop.len()]);
-        sensor.merge_into(crop.width, &rows, maps, &mut rate, &mut variance);
+        let maps = maps.map_or_else(PixelMaps::default, |maps| maps.part(crop));
+        sensor.merge_into(crop.width, &rows, &maps, &mut rate, &mut variance);
         Self { crop, rate, variance }
     }
 

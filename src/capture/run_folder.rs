@@ -124,7 +124,8 @@ impl RunFolder {
         let header = format!("P5 {} {} 65535\n", crop.width, crop.height);
         let body = bytes.strip_prefix(header.as_bytes()).filter(|b| b.len() == 2 * crop.len());
         let body = body.ok_or_else(|| {
-            let reason = format!("not a frame of {} x {} px: delete the run and measure again", crop.width, crop.height);
+            let reason =
+                format!("not a frame of {} x {} px: delete the run and measure again", crop.width, crop.height);
             StoreError::invalid(&path, reason)
         })?;
         let samples = body.chunks_exact(2).map(|b| u16::from_be_bytes([b[0], b[1]])).collect();

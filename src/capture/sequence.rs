@@ -31,7 +31,7 @@ pub fn capture_sequence(
             Ok(())
         })?;
         let taken: Vec<Taken> = taken.into_iter().flatten().collect();
-        responses.push(ResponseImage::merge(&devices.sensor, crop, &taken));
+        responses.push(ResponseImage::merge(&devices.sensor, None, crop, &taken));
     }
     devices.restore()?;
     Ok(responses)

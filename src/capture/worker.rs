@@ -3,7 +3,7 @@
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 use super::acquisition::Taken;
-use super::{CaptureError, Crop, ResponseImage, RunFolder};
+use super::{CaptureError, Crop, ResponseImage, RunFolder, SensorMaps};
 use crate::patterns::{Lobe, Sign};
 use crate::radiometry::Sensor;
 
@@ -35,6 +35,7 @@ pub(super) fn channel() -> (SyncSender<Pair>, Receiver<Pair>) {
 pub(super) struct Worker<'a, S> {
     pub sensor: Sensor,
     pub crop: Crop,
+    pub maps: Option<&'a SensorMaps>,
     pub repeats: usize,
     pub folder: Option<&'a RunFolder>,
     /// Responses of repeats so far, where no folder keeps them: by function.
@@ -106,7 +107,7 @@ impl<S: FnMut(Lobe, ResponseImage)> Worker<'_, S> {
             }
         }
         let taken: Vec<Taken> = frames.into_iter().map(|(_, taken)| taken).collect();
-        let response = ResponseImage::merge(&self.sensor, self.crop, &taken);
+        let response = ResponseImage::merge(&self.sensor, self.maps, self.crop, &taken);
         Ok(match self.folder {
             Some(folder) => folder.keep_response(&lobe, repeat, &response)?,
             None => response.as_stored(),

@@ -42,10 +42,11 @@ impl AutomaticExposer {
         scale: ChannelScale,
         gains: Vec<f64>,
     ) -> Self {
-        let mut refreshes: Vec<u32> = std::iter::successors(Some(f64::from(target.longest_refreshes)), |n| Some(n / LADDER))
-            .map(|n| n.round() as u32)
-            .take_while(|&n| n >= target.shortest_refreshes.max(1))
-            .collect();
+        let mut refreshes: Vec<u32> =
+            std::iter::successors(Some(f64::from(target.longest_refreshes)), |n| Some(n / LADDER))
+                .map(|n| n.round() as u32)
+                .take_while(|&n| n >= target.shortest_refreshes.max(1))
+                .collect();
         refreshes.dedup();
         refreshes.reverse();
         let weights = cells.noise_weights(&scale);

@@ -211,7 +211,7 @@ fn capture(
         progress(done, all);
     };
     let mut first_response = None;
-    let run = Run { patterns: &patterns, repeats: plan.repeats, exposer, longest_s, crop, folder };
+    let run = Run { patterns: &patterns, repeats: plan.repeats, exposer, longest_s, crop, maps: None, folder };
     let summary = Engine::new(rig, bench, control.clone()).run(run, &mut timed, |lobe, response| {
         reducer.add(lobe, &response);
         first_response.get_or_insert(response);

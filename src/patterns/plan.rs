@@ -119,7 +119,11 @@ pub struct Timing {
 impl Timing {
     /// The timing of a rig's devices.
     pub fn of(rig: &Rig) -> Self {
-        Self { refresh_s: 1.0 / rig.projector.refresh_hz, min_frame_s: 1.0 / rig.camera.max_frame_rate_hz, readout_s: rig.camera.readout_s }
+        Self {
+            refresh_s: 1.0 / rig.projector.refresh_hz,
+            min_frame_s: 1.0 / rig.camera.max_frame_rate_hz,
+            readout_s: rig.camera.readout_s,
+        }
     }
 }
 

@@ -66,9 +66,8 @@ impl TagLayout {
             let (lo, hi) = (start as f64, (start + side) as f64);
             if centre < lo { lo - centre } else { (centre - hi).max(0.0) }
         };
-        let outside = |u: usize, v: usize| {
-            nearest(u, projector.centre_u).hypot(nearest(v, projector.centre_v)) >= reach_px
-        };
+        let outside =
+            |u: usize, v: usize| nearest(u, projector.centre_u).hypot(nearest(v, projector.centre_v)) >= reach_px;
         let seen = |cell: Rect| {
             // Half of each side: what a slight misalignment or blur moves stays within the cell.
             let middle = |start: usize| (start as f64) + side as f64 / 2.0;

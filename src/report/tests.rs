@@ -8,7 +8,8 @@ const HOSTILE: &str = "<script>alert('x')</script>\" onload=\"y\" & \u{1}</svg>"
 
 fn record(text: &str) -> RunRecord {
     let plan = Plan::of_order(4);
-    let items = plan.rig_time(&crate::patterns::Timing { refresh_s: 1.0 / 60.0, min_frame_s: 1.0 / 15.0, readout_s: 0.0 });
+    let items =
+        plan.rig_time(&crate::patterns::Timing { refresh_s: 1.0 / 60.0, min_frame_s: 1.0 / 15.0, readout_s: 0.0 });
     RunRecord {
         format: 1,
         software: text.into(),

@@ -7,15 +7,13 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rayon::prelude::*;
 
-use super::forward::{Accuracy, PatternLight, ResponseField};
-use super::geometry::InverseMap;
 use super::clock::{RealClock, VirtualClock};
 use super::devices::{Devices, Truth, TwinCameraFactory, TwinProjectorFactory, World};
+use super::forward::{Accuracy, PatternLight, ResponseField};
+use super::geometry::InverseMap;
 use super::{Faults, PerturbedDevice, TwinConfig};
 use crate::calibrate::GRAY_CARD_ALBEDO;
-use crate::capture::{
-    Bench, CameraFactory, CaptureError, Clock, Placement, ProjectorFactory, Triggering,
-};
+use crate::capture::{Bench, CameraFactory, CaptureError, Clock, Placement, ProjectorFactory, Triggering};
 use crate::geometry::{Direction, Sample, Zone};
 use crate::optics::{Lens, Rig};
 use crate::patterns::{Pattern, Rect, TagLayout};

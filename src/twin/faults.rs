@@ -94,7 +94,8 @@ impl Faults {
 }
 
 fn generator(seed: u64, count: u64, what: u64) -> Xoshiro256PlusPlus {
-    let mixed = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ (count + 1).wrapping_mul(0xD1B5_4A32_D192_ED03) ^ (what << 56);
+    let mixed =
+        seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ (count + 1).wrapping_mul(0xD1B5_4A32_D192_ED03) ^ (what << 56);
     Xoshiro256PlusPlus::seed_from_u64(mixed)
 }
 
@@ -104,7 +105,8 @@ mod tests {
 
     #[test]
     fn faults_come_as_often_as_asked() {
-        let faults = Faults { drop: 0.1, repeat: 0.2, late: 0.5, late_s: 1.0, stuck_after: Some(9000), ..Faults::default() };
+        let faults =
+            Faults { drop: 0.1, repeat: 0.2, late: 0.5, late_s: 1.0, stuck_after: Some(9000), ..Faults::default() };
         let count = |fault| (0..10_000).filter(|&i| faults.of_frame(i) == fault).count() as f64;
         // Three standard deviations of a binomial.
         assert!((count(FrameFault::Drop) - 1000.0).abs() < 90.0);

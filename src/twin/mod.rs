@@ -14,8 +14,8 @@ mod geometry;
 
 pub use bench::TwinBench;
 pub use clock::{RealClock, VirtualClock};
+pub use config::{Perturbation, TwinConfig};
 pub use devices::Truth;
 pub use faults::Faults;
-pub use config::{Perturbation, TwinConfig};
 pub use forward::{Accuracy, PatternLight, ResponseField, lobe_width};
 pub use geometry::{InverseMap, PerturbedDevice};

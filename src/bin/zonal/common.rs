@@ -5,8 +5,8 @@ use std::process::ExitCode;
 use std::sync::Arc;
 
 use anyhow::Context;
-use signal_hook::iterator::Signals;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use signal_hook::iterator::Signals;
 use zonal::calibrate::{CalibrateError, CalibrationSet};
 use zonal::capture::{CaptureError, Control};
 use zonal::export::{ShMaterial, TensorMaterial};
@@ -110,8 +110,7 @@ pub fn coefficients(folder: &Path, order: Option<usize>) -> anyhow::Result<Coeff
 /// A progress bar over frames on stderr; silent where nobody watches.
 pub fn frames_bar(what: &str) -> impl FnMut(usize, usize) + use<> {
     let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(10));
-    let style =
-        ProgressStyle::with_template("{prefix:12} {bar:32} {pos}/{len} frames  {elapsed} gone, {eta} left");
+    let style = ProgressStyle::with_template("{prefix:12} {bar:32} {pos}/{len} frames  {elapsed} gone, {eta} left");
     bar.set_style(style.expect("a valid template"));
     bar.set_prefix(what.to_owned());
     move |done, all| {

@@ -96,8 +96,9 @@ fn resumed(
     }
     let bench = |rig: &Rig, record: &RunRecord| -> anyhow::Result<Box<dyn Bench>> {
         let Some(simulation) = &record.provenance.simulation else { return Err(common::no_devices()) };
-        let config: TwinConfig = serde_json::from_value(simulation.clone())
-            .with_context(|| format!("{}: `simulation` is damaged: measure again", args.out.join("run.json").display()))?;
+        let config: TwinConfig = serde_json::from_value(simulation.clone()).with_context(|| {
+            format!("{}: `simulation` is damaged: measure again", args.out.join("run.json").display())
+        })?;
         let sample = open(&record.provenance.sample)?;
         Ok(Box::new(on_time(common::bench(rig, &config, sample), args).failing(faults)))
     };
