@@ -88,8 +88,14 @@ impl Acquisition<'_> {
         self.latency_s = self.measure_latency(layout, probes.len() - 1)?;
         self.restart(LEARNING_FIRST)?;
         let exposure_s = LEARNING_REFRESHES / self.rig.projector.refresh_hz;
-        let frames =
-            (0..probes.len()).map(|i| self.fresh(i, exposure_s, 0.0)).collect::<Result<Vec<_>, CaptureError>>()?;
+        let mut frames: Vec<Frame> = Vec::with_capacity(probes.len());
+        while frames.len() < probes.len() {
+            let frame = self.fresh(frames.len(), exposure_s, 0.0)?;
+            // Every probe differs from the one before: equal samples are a frame that came twice.
+            if frames.last().is_none_or(|former| former.samples != frame.samples) {
+                frames.push(frame);
+            }
+        }
         let (check, learned) = frames.split_last().expect("there is code 0");
         let no_tag = |problem| CaptureError::NoTag { problem };
         let model = TagModel::learn(layout.clone(), self.sensor, learned).map_err(no_tag)?;

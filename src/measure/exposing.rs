@@ -13,6 +13,8 @@ const MARGIN_SIGMAS: f64 = 3.0;
 const LADDER: f64 = std::f64::consts::SQRT_2;
 /// Pixels the noise is predicted from; more would say the same.
 const SAMPLED_PIXELS: usize = 20_000;
+/// Share of the target that is aimed at: predictions come from the noisy frames of the shortest exposure.
+const AIM: f64 = 0.97;
 /// Most exposures beyond the first.
 const MAX_FURTHER: usize = 3;
 
@@ -149,7 +151,7 @@ impl Exposer for AutomaticExposer {
         if k == 0 || self.constant.is_none() {
             self.constant = Some(self.constant_of(pair));
         }
-        let limit = self.noise_rel * self.constant.expect("set above");
+        let limit = AIM * self.noise_rel * self.constant.expect("set above");
         let counted: Vec<usize> = (0..self.weights.len()).filter(|&p| self.weights[p] > 0.0).collect();
         let step = counted.len().div_ceil(SAMPLED_PIXELS).max(1);
         let pixels: Vec<(f64, f64)> = counted

@@ -1,6 +1,7 @@
 //! The simulated devices behind the traits of real ones.
 
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
 
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -42,6 +43,8 @@ pub(super) struct Scene {
     border: Vec<(u32, u32, f32)>,
     /// Electrons per second of each sensor pixel for one pattern.
     rates: Option<(usize, Vec<f32>)>,
+    /// Time spent on what mirrors and sample do to light, s.
+    physics_s: f64,
 }
 
 impl Scene {
@@ -86,6 +89,7 @@ impl Scene {
             reflected: None,
             border,
             rates: None,
+            physics_s: 0.0,
         }
     }
 
@@ -188,7 +192,9 @@ impl Scene {
         }
         self.add_border(shown, &mut rates);
         if self.reflected.is_none() {
+            let started = Instant::now();
             self.reflected = Some(self.reflect());
+            self.physics_s += started.elapsed().as_secs_f64();
         }
         let reflected = self.reflected.as_ref().expect("made above");
         for ((i, _), row) in self.pixels.iter().zip(reflected.chunks_exact(self.sequence.len())) {
@@ -398,6 +404,11 @@ impl TwinBench {
     /// The same rig with devices that fail.
     pub fn failing(self, faults: Faults) -> Self {
         self.changed(|world| world.faults = faults)
+    }
+
+    /// Time spent on computing what mirrors and sample do to light, s: a real rig needs none.
+    pub fn physics_s(&self) -> f64 {
+        self.world.scene.lock().unwrap_or_else(PoisonError::into_inner).physics_s
     }
 
     /// What every frame delivered so far really was: for tests.
