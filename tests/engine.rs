@@ -41,7 +41,8 @@ fn every_frame_is_proved_and_the_latency_known() {
     assert!((capture.lamp[0] - 1.0).abs() < 2e-3 && (capture.lamp[1] - 1.0).abs() < 2e-3, "{:?}", capture.lamp);
 }
 
-/// Without camera noise a frame taken again is the same to the last bit, so faults may not leave a trace.
+/// Without camera noise a frame taken again is the same to the last bit, so faults may not leave a trace. (A camera marks
+/// frames with noise: the same bits twice would be taken for a repeated frame.)
 #[test]
 fn faults_cost_time_and_nothing_else() {
     let quiet = || TwinConfig::pinhole(3).noiseless();
@@ -57,12 +58,13 @@ fn faults_cost_time_and_nothing_else() {
         ("late", Faults { late: 0.3, late_s: 0.2, ..some }),
     ];
     for (name, faults) in cases {
+        let config = if name == "flag" { TwinConfig::pinhole(3) } else { quiet() };
         let measured =
-            common::measured(&COARSE, &plan, &mut bench(quiet()).failing(faults), &CALIBRATION, None).unwrap();
+            common::measured(&COARSE, &plan, &mut bench(config).failing(faults), &CALIBRATION, None).unwrap();
         let rejected = measured.record.capture.rejected;
         eprintln!("{name}: {rejected} frames taken again");
         assert!(rejected > 0, "{name}: nothing happened");
-        assert!(bits(&measured) == undisturbed, "{name}");
+        assert!(name == "flag" || bits(&measured) == undisturbed, "{name}");
     }
 }
 
@@ -151,16 +153,14 @@ fn a_run_can_be_paused_stopped_and_resumed() {
     assert_eq!(bits(&resumed(&path, &config)), bits(&undisturbed));
 }
 
-/// Share of another pattern's light that a frame may hold unseen: six standard errors of a patch that is read in an exposure
-/// of one refresh period.
-const UNSEEN: f64 = 0.01;
+/// Share of another pattern's light that a frame may hold unseen: five standard errors of a patch of a sixteenth of the pixels,
+/// read in an exposure of two refresh periods.
+const UNSEEN: f64 = 0.005;
 
 /// Delays, repeats, losses and late changes at random.
 fn shuffled(frames: usize, free_running: bool) {
-    let rig = common::coarse(common::rig("ghosh-2007-built"), 8);
-    let calibration = common::calibrated(&rig, &TwinConfig::pinhole(1));
     let mut plan = Plan {
-        exposure: Some(ExposureBracket { count: 4, shortest_refreshes: 1, spacing: 2 }),
+        exposure: Some(ExposureBracket { count: 4, shortest_refreshes: 2, spacing: 2 }),
         exitant: Exitant { rings: 3, sectors: 4 },
         ..Plan::of_order(4)
     };
@@ -176,12 +176,12 @@ fn shuffled(frames: usize, free_running: bool) {
         late_s: 0.3,
         ..Faults::default()
     };
-    let bench = TwinBench::new(&rig, TwinConfig::pinhole(9), open("red-plastic").unwrap()).failing(faults);
+    let bench = bench(TwinConfig::pinhole(9)).failing(faults);
     let mut bench = if free_running { bench.free_running() } else { bench };
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("run");
     let folder = RunFolder::create(&path, false).unwrap();
-    let measured = common::measured(&rig, &plan, &mut bench, &calibration, Some(&folder)).unwrap();
+    let measured = common::measured(&COARSE, &plan, &mut bench, &CALIBRATION, Some(&folder)).unwrap();
 
     let mut accepted: HashMap<u64, usize> = HashMap::new();
     let mut refused = Vec::new();

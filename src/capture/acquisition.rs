@@ -20,6 +20,8 @@ const FRAME_SLACK_S: f64 = 0.5;
 const MAX_REJECTIONS: usize = 20;
 /// Frame numbers remembered to tell a repeated frame.
 const REMEMBERED: usize = 64;
+/// Frames before and after the one that is judged whose light it might hold.
+const SHOWN: usize = 4;
 /// Readings remembered to tell a frame that is repeated under another number.
 const READINGS: usize = 8;
 /// What a projector may take to change a frame, s; then it is frozen.
@@ -114,6 +116,8 @@ pub(super) struct Acquisition<'a> {
     pub latency_s: f64,
     /// What is asked of the projector, and from when on it is lit.
     shown: Option<(usize, f64)>,
+    /// What was shown lately, the newest last.
+    history: VecDeque<usize>,
     exposure_s: f64,
     /// Earliest start of the next exposure.
     ready_s: f64,
@@ -150,6 +154,7 @@ impl<'a> Acquisition<'a> {
             lamp: Lamp::new(1.0, 0.0),
             latency_s: 0.0,
             shown: None,
+            history: VecDeque::new(),
             exposure_s: f64::NAN,
             ready_s: f64::NEG_INFINITY,
             eager: true,
@@ -176,6 +181,7 @@ impl<'a> Acquisition<'a> {
     /// Loads a sequence of frames; nothing of it is shown yet.
     pub fn load(&mut self, sequence: &[crate::patterns::Pattern]) -> Result<(), CaptureError> {
         self.shown = None;
+        self.history.clear();
         self.timed(|a| a.projector.load(sequence))
     }
 
@@ -184,6 +190,10 @@ impl<'a> Acquisition<'a> {
         if self.shown.is_none_or(|(shown, _)| shown != index) {
             let lit_s = self.timed(|a| a.projector.show(index))?;
             self.shown = Some((index, lit_s));
+            self.history.push_back(index);
+            if self.history.len() > SHOWN {
+                self.history.pop_front();
+            }
         }
         Ok(())
     }
@@ -364,7 +374,8 @@ impl<'a> Acquisition<'a> {
             // Equal to the last bit: the same light cannot have been measured twice.
             return Err(Rejection::Repeated);
         }
-        let verdict = tag.judge(&reading, tag.layout().code(index), self.lamp.light());
+        let others: Vec<usize> = self.history.iter().map(|&i| tag.layout().code(i)).collect();
+        let verdict = tag.judge(&reading, tag.layout().code(index), &others, self.lamp.light());
         self.readings.push_back(reading);
         if self.readings.len() > READINGS {
             self.readings.pop_front();

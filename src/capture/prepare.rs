@@ -9,9 +9,9 @@ use crate::patterns::{Pattern, TagLayout};
 use crate::radiometry::Lamp;
 
 /// Time given to a projector of unknown latency, s; doubled where it is not enough.
-const SETTLE_S: f64 = 0.25;
+const SETTLE_S: f64 = 0.15;
 /// Changes of pattern whose latency is measured.
-const LATENCY_PROBES: usize = 4;
+const LATENCY_PROBES: usize = 2;
 /// Refresh periods a frame lasts that watches a change.
 const PROBE_REFRESHES: f64 = 8.0;
 /// Refresh periods of the frames the patch is learned from.
@@ -90,7 +90,8 @@ impl Acquisition<'_> {
         let exposure_s = LEARNING_REFRESHES / self.rig.projector.refresh_hz;
         let mut frames: Vec<Frame> = Vec::with_capacity(probes.len());
         while frames.len() < probes.len() {
-            let frame = self.fresh(frames.len(), exposure_s, 0.0)?;
+            let next = frames.len() + 1;
+            let frame = self.fresh(frames.len(), exposure_s, 0.0, Some(next).filter(|&n| n < probes.len()))?;
             // Every probe differs from the one before: equal samples are a frame that came twice.
             if frames.last().is_none_or(|former| former.samples != frame.samples) {
                 frames.push(frame);
@@ -99,7 +100,7 @@ impl Acquisition<'_> {
         let (check, learned) = frames.split_last().expect("there is code 0");
         let no_tag = |problem| CaptureError::NoTag { problem };
         let model = TagModel::learn(layout.clone(), self.sensor, learned).map_err(no_tag)?;
-        match model.judge(&model.read(check), opposite, 1.0) {
+        match model.judge(&model.read(check), opposite, &[], 1.0) {
             Verdict::Expected { .. } => Ok(model),
             _ => Err(no_tag(
                 "its cells do not add up: the light is not steady, or the projector is late now and then".into(),
@@ -115,7 +116,7 @@ impl Acquisition<'_> {
         let mut level = 255u8;
         loop {
             self.load(&[layout.draw(&blank, 0, level)])?;
-            let frame = self.fresh(0, shortest_s, SETTLE_S)?;
+            let frame = self.fresh(0, shortest_s, SETTLE_S, None)?;
             let reading = TagReading::of(layout, &self.sensor, &frame);
             let range = self.sensor.limit_dn - self.sensor.black_level_dn;
             let used = f64::from(reading.brightest_dn) - self.sensor.black_level_dn;
@@ -133,20 +134,28 @@ impl Acquisition<'_> {
         }
     }
 
-    /// A frame of `exposure_s` that begins when frame `index` has been lit for `settle_s`.
-    fn fresh(&mut self, index: usize, exposure_s: f64, settle_s: f64) -> Result<Frame, CaptureError> {
+    /// A frame of `exposure_s` that begins when frame `index` has been lit for `settle_s`. `next` is shown as soon as a
+    /// triggered exposure has ended.
+    fn fresh(
+        &mut self,
+        index: usize,
+        exposure_s: f64,
+        settle_s: f64,
+        next: Option<usize>,
+    ) -> Result<Frame, CaptureError> {
         self.show(index)?;
         self.set_exposure(exposure_s)?;
         let start_s = self.lit_s() + settle_s;
-        self.frame_from(start_s, exposure_s)
+        self.frame_from(start_s, exposure_s, next)
     }
 
     /// The first good frame of `exposure_s` whose exposure begins at `start_s` or later.
-    fn frame_from(&mut self, start_s: f64, exposure_s: f64) -> Result<Frame, CaptureError> {
+    fn frame_from(&mut self, start_s: f64, exposure_s: f64, next: Option<usize>) -> Result<Frame, CaptureError> {
         let mut rejections = super::acquisition::Rejections::default();
         loop {
             if self.is_triggered() {
                 self.expose(start_s)?;
+                next.map_or(Ok(()), |next| self.show(next))?;
             }
             match self.receive()? {
                 None => rejections.add(super::Rejection::Missing, self.waited_s())?,
@@ -174,7 +183,7 @@ impl Acquisition<'_> {
         let contrast = |frame: &Frame| TagReading::of(layout, &sensor, frame).contrast.iter().sum::<f64>();
         let mut settle_s = SETTLE_S;
         let ends = loop {
-            let ends = [self.fresh(0, probe_s, settle_s)?, self.fresh(other, probe_s, settle_s)?];
+            let ends = [self.fresh(0, probe_s, settle_s, None)?, self.fresh(other, probe_s, settle_s, None)?];
             let [unlit, lit] = ends.each_ref().map(contrast);
             let noise = TagReading::of(layout, &sensor, &ends[0]).variance.iter().sum::<f64>().sqrt();
             if lit - unlit > 20.0 * noise {
@@ -195,7 +204,8 @@ impl Acquisition<'_> {
             let mut changed_s = None;
             loop {
                 let now_s = self.clock.now_s();
-                let frame = self.frame_from(if self.is_triggered() { now_s } else { f64::NEG_INFINITY }, probe_s)?;
+                let frame =
+                    self.frame_from(if self.is_triggered() { now_s } else { f64::NEG_INFINITY }, probe_s, None)?;
                 let share = (contrast(&frame) - ends[0]) / (ends[1] - ends[0]);
                 let done = if target == 0 { 1.0 - share } else { share };
                 if done > SETTLED && done < 1.0 - SETTLED {

@@ -8,6 +8,10 @@ use crate::radiometry::Sensor;
 const SIGMAS: f64 = 6.0;
 /// ... beyond this share of its contrast, which a camera's last non-linearity may cost.
 const LINEARITY: f64 = 1e-3;
+/// Light of another pattern by this many standard errors is some...
+const MIXTURE_SIGMAS: f64 = 5.0;
+/// ... and by this share of the exposure, which a camera's last non-linearity may feign.
+const MIXTURE: f64 = 5e-4;
 /// A lamp does not change by more between two frames.
 const LIGHT_STEP: f64 = 0.2;
 /// Crosstalk between bits below this many standard errors is noise, and taken for none.
@@ -136,8 +140,9 @@ impl TagModel {
         2f64.sqrt() * self.base.variance.iter().sum::<f64>().sqrt()
     }
 
-    /// Whether `reading` is that of `code` at a light of about `light`.
-    pub fn judge(&self, reading: &TagReading, code: usize, light: f64) -> Verdict {
+    /// Whether `reading` is that of `code` at a light of about `light`, without light of `others`, the codes shown before
+    /// and after it.
+    pub fn judge(&self, reading: &TagReading, code: usize, others: &[usize], light: f64) -> Verdict {
         if f64::from(reading.brightest_dn) >= self.sensor.limit_dn {
             return Verdict::Unreadable;
         }
@@ -153,12 +158,36 @@ impl TagModel {
             let variance = reading.variance[i] + 2.0 * light * light * self.base.variance[i];
             (reading.contrast[i] - seen * e).abs() <= SIGMAS * variance.sqrt() + LINEARITY * e.abs()
         });
+        let pure = others.iter().filter(|&&other| other != code).all(|&other| {
+            let (share, sigma) = self.share_of(other, &expected, reading);
+            share <= MIXTURE_SIGMAS * sigma + MIXTURE
+        });
         let steady = (seen / light - 1.0).abs() <= LIGHT_STEP.max(SIGMAS * sigma);
-        match (fits && steady, information.is_finite() && information > 0.0) {
+        match (fits && pure && steady, information.is_finite() && information > 0.0) {
             (_, false) => Verdict::Unreadable,
             (true, true) => Verdict::Expected { light: seen, sigma },
             (false, true) => Verdict::Other,
         }
+    }
+}
+
+impl TagModel {
+    /// Share of the light that was of `other` and not of the code whose contrasts are `expected`, with its standard error:
+    /// least squares in both.
+    fn share_of(&self, other: usize, expected: &[f64], reading: &TagReading) -> (f64, f64) {
+        let (mut ee, mut ed, mut dd, mut er, mut dr) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        for (((e, s), r), v) in expected.iter().zip(&self.contrast(other)).zip(&reading.contrast).zip(&reading.variance)
+        {
+            let d = s - e;
+            ee += e * e / v;
+            ed += e * d / v;
+            dd += d * d / v;
+            er += e * r / v;
+            dr += d * r / v;
+        }
+        let determinant = ee * dd - ed * ed;
+        let light = (dd * er - ed * dr) / determinant;
+        ((ee * dr - ed * er) / determinant / light, (ee / determinant).sqrt() / light)
     }
 }
 

@@ -157,9 +157,8 @@ impl Exposer for AutomaticExposer {
         let pixels: Vec<(f64, f64)> = counted
             .iter()
             .step_by(step)
-            .flat_map(|&p| pair.map(|image| (self.weights[p] * step as f64, f64::from(image.rate[p]))))
+            .flat_map(|&p| pair.map(|image| (self.weights[p] * step as f64, expected_rate(image, p))))
             .filter(|(_, rate)| rate.is_finite())
-            .map(|(weight, rate)| (weight, rate.max(0.0)))
             .collect();
         if limit <= 0.0 || pixels.is_empty() { Vec::new() } else { self.fewest(&pixels, self.gains[k], limit) }
     }
@@ -171,4 +170,28 @@ impl Exposer for AutomaticExposer {
     fn expected_frames(&self) -> usize {
         4
     }
+}
+
+/// The rate a pixel is expected to have: its own where that is clear of noise, else the mean of its neighbourhood of the same
+/// colour. The noise of dark pixels must not be taken for light.
+fn expected_rate(image: &ResponseImage, p: usize) -> f64 {
+    const CLEAR_SIGMAS: f32 = 5.0;
+    const REACH: isize = 3;
+    if image.rate[p] > CLEAR_SIGMAS * image.variance[p].sqrt() {
+        return image.rate[p].into();
+    }
+    let (width, height) = (image.crop.width as isize, image.crop.height as isize);
+    let (u, v) = (p as isize % width, p as isize / width);
+    let (mut sum, mut n) = (0.0, 0.0);
+    // Colours repeat in every second column and row.
+    for (du, dv) in (-REACH..=REACH).flat_map(|dv| (-REACH..=REACH).map(move |du| (2 * du, 2 * dv))) {
+        if (0..width).contains(&(u + du)) && (0..height).contains(&(v + dv)) {
+            let rate = image.rate[((v + dv) * width + u + du) as usize];
+            if rate.is_finite() {
+                sum += f64::from(rate);
+                n += 1.0;
+            }
+        }
+    }
+    f64::max(sum / n, 0.0)
 }
