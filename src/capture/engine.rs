@@ -15,12 +15,18 @@ const EXPOSURE_TOLERANCE: f64 = 1e-3;
 pub struct Engine<'a> {
     rig: &'a Rig,
     bench: &'a mut dyn Bench,
+    crop: Crop,
 }
 
 impl<'a> Engine<'a> {
     /// An engine for the devices of a rig.
     pub fn new(rig: &'a Rig, bench: &'a mut dyn Bench) -> Self {
-        Self { rig, bench }
+        Self { rig, bench, crop: Crop::of_zone(rig) }
+    }
+
+    /// The same engine for another part of the sensor than sees the nominal zone.
+    pub fn with_crop(self, crop: Crop) -> Self {
+        Self { crop, ..self }
     }
 
     /// Shows every lobe of `plan` and hands its HDR response, the mean over repeats, to `sink`, in the plan's order.
@@ -40,7 +46,7 @@ impl<'a> Engine<'a> {
     ) -> Result<(), CaptureError> {
         let timing = Timing::of(self.rig);
         let events: Vec<Event> = plan.events(&timing).collect();
-        let crop = Crop::of_zone(self.rig);
+        let crop = self.crop;
         let sensor = sensor(self.rig);
         let total_s = plan.rig_time(&timing).total_s();
         self.bench.projector().load(patterns)?;

@@ -7,10 +7,10 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::basis::{OrderError, size};
-use crate::calibrate::{CalibrateError, CalibrationSet};
+use crate::calibrate::{CalibrateError, CalibrationSet, Maps};
 use crate::capture::{Bench, CaptureError, Crop, Engine, Placement, Progress, RUN_FORMAT, ResponseImage, RunFolder};
 use crate::geometry::ExitantGrid;
-use crate::optics::{Rig, RigError};
+use crate::optics::{OpticalMap, Rig, RigError};
 use crate::patterns::{LobePair, Lobes, Pattern, Plan, PlanError, RigTime, Timing};
 use crate::reduce::{CellMap, ChannelScale, Coefficients, ReduceError, Reducer};
 use crate::store::{self, StoreError};
@@ -152,10 +152,15 @@ pub fn measure(
     progress: &mut Progress<'_>,
 ) -> Result<Measurement, MeasureError> {
     let started = Instant::now();
+    if let Some(map) = &calibration.map {
+        map.check_zone(rig)?;
+    }
     let timing = Timing::of(rig);
+    let maps = calibration.maps(rig);
     let pairs = lobe_pairs(rig, plan, calibration)?;
     let gains: Vec<f64> = pairs.iter().map(|p| p.gain).collect();
-    let reducer = reducer(rig, plan, &gains, &calibration.scale, &provenance)?;
+    let crop = Crop::of_map(rig, &maps.camera);
+    let reducer = reducer(rig, plan, &maps.camera, &gains, &calibration.scale, &provenance)?;
     let items = plan.rig_time(&timing);
     let mut record = RunRecord {
         format: RUN_FORMAT,
@@ -184,7 +189,7 @@ pub fn measure(
             store::write_json(&path.join("run.json"), &record)
         })?;
     }
-    let result = capture(rig, plan, bench, &pairs, reducer, folder.as_deref_mut(), progress);
+    let result = capture(rig, plan, bench, crop, &pairs, reducer, folder.as_deref_mut(), progress);
     let outcome = result.and_then(|captured| finish(captured, &mut record, started, folder.as_deref()));
     if outcome.is_err()
         && let Some(folder) = folder
@@ -212,8 +217,11 @@ pub fn reduce_run(run: &Path, calibration: Option<&Path>) -> Result<(Coefficient
         let reason = format!("`gains` are not {} divisors, as the plan asks for: measure again", size(plan.order));
         return Err(StoreError::invalid(&folder.file("run.json"), reason).into());
     }
-    let mut reducer = reducer(&rig, &plan, &record.gains, &set.scale, &record.provenance)?;
-    let crop = Crop::of_zone(&rig);
+    // The run's own map: it is how the frames were made and cut.
+    let map = CalibrationSet::read_map(&own, &rig)?;
+    let camera = Maps::of(&rig, map.as_ref()).camera;
+    let mut reducer = reducer(&rig, &plan, &camera, &record.gains, &set.scale, &record.provenance)?;
+    let crop = Crop::of_map(&rig, &camera);
     for lobe in plan.lobes() {
         let path = folder.response_path(&lobe);
         let response = ResponseImage::read(&path)?;
@@ -241,7 +249,7 @@ pub fn reduce_run(run: &Path, calibration: Option<&Path>) -> Result<(Coefficient
 /// [`OrderError`].
 pub fn lobe_pairs(rig: &Rig, plan: &Plan, calibration: &CalibrationSet) -> Result<Vec<LobePair>, OrderError> {
     let p = &rig.projector;
-    let lobes = Lobes::new(&rig.projector_map(), rig.zone(), plan.order, p.width_px, p.height_px)?;
+    let lobes = Lobes::new(&calibration.maps(rig).projector, rig.zone(), plan.order, p.width_px, p.height_px)?;
     Ok((0..size(plan.order)).map(|k| lobes.encode(k, &calibration.response, &calibration.flat)).collect())
 }
 
@@ -251,10 +259,12 @@ struct Captured {
     last_frame: Instant,
 }
 
+#[expect(clippy::too_many_arguments, reason = "one call")]
 fn capture(
     rig: &Rig,
     plan: &Plan,
     bench: &mut dyn Bench,
+    crop: Crop,
     pairs: &[LobePair],
     mut reducer: Reducer,
     folder: Option<&mut RunFolder>,
@@ -268,7 +278,7 @@ fn capture(
         progress(done, all, left_s);
     };
     let mut first_response = None;
-    Engine::new(rig, bench).run(plan, &patterns, folder, &mut timed, |lobe, response| {
+    Engine::new(rig, bench).with_crop(crop).run(plan, &patterns, folder, &mut timed, |lobe, response| {
         reducer.add(lobe, &response);
         first_response.get_or_insert(response);
     })?;
@@ -279,12 +289,13 @@ fn capture(
 fn reducer(
     rig: &Rig,
     plan: &Plan,
+    camera: &OpticalMap,
     gains: &[f64],
     scale: &ChannelScale,
     provenance: &Provenance,
 ) -> Result<Reducer, ReduceError> {
     let grid = ExitantGrid::new(rig.zone(), plan.exitant.rings, plan.exitant.sectors);
-    let cells = CellMap::new(rig, Crop::of_zone(rig), grid)?;
+    let cells = CellMap::new(rig, camera, Crop::of_map(rig, camera), grid)?;
     Ok(Reducer::new(cells, plan.order, gains.to_vec(), scale.clone(), provenance.history(rig, plan)))
 }
 

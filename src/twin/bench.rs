@@ -8,12 +8,13 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use rayon::prelude::*;
 
 use super::forward::{Accuracy, PatternLight, ResponseField};
+use super::TwinConfig;
 use super::geometry::InverseMap;
-use super::{PerturbedDevice, TwinConfig};
+use super::targets::{Scene, Target};
 use crate::calibrate::GRAY_CARD_ALBEDO;
 use crate::capture::{Bench, Camera, CaptureError, Frame, Placement, Projector};
 use crate::geometry::{Direction, Sample, Zone};
-use crate::optics::Rig;
+use crate::optics::{Device, Misaligned, Rig};
 use crate::patterns::Pattern;
 use crate::reflectance::{Brdf, Lambert};
 
@@ -27,12 +28,14 @@ pub struct TwinBench {
     accuracy: Accuracy,
     sample: Arc<dyn Brdf>,
     placement: Placement,
-    projector: PerturbedDevice,
+    camera: Misaligned,
+    projector: Misaligned,
     inverse: InverseMap,
     /// Directions of the samples of each pixel that sees the dome: (sensor index, directions).
     pixels: Vec<(usize, Vec<Direction<Sample>>)>,
-    camera_lens: crate::optics::Lens,
     dome: Zone,
+    /// What is in place instead of a sample, once it has been looked at.
+    target: Option<Target>,
     sequence: Vec<Pattern>,
     /// Electrons per second from the sample, of each pixel in `pixels` for each pattern: `[pixel][pattern]`.
     reflected: Option<Vec<f32>>,
@@ -52,20 +55,20 @@ impl TwinBench {
 
     /// The same with another quadrature.
     pub fn with_accuracy(rig: &Rig, config: TwinConfig, sample: Arc<dyn Brdf>, accuracy: Accuracy) -> Self {
-        let camera = PerturbedDevice::camera(rig, &config.perturbation);
-        let projector = PerturbedDevice::projector(rig, &config.perturbation);
+        let camera = Misaligned::new(rig, &config.perturbation, Device::Camera);
+        let projector = Misaligned::new(rig, &config.perturbation, Device::Projector);
         let theta_max = rig.dome.theta_max_deg.to_radians();
         let shadow = rig.mirrors().shadow(rig.paraboloid_radius_mm());
         let dome = Zone::new(shadow, theta_max).expect("a checked rig reaches beyond its shadow");
         let inverse = InverseMap::new(&projector, theta_max);
         let width = rig.camera.width_px;
-        let lens = *camera.lens();
+        let (centre_u, centre_v) = camera.image_centre();
         let edge_px = rig.camera_map().radius_px(theta_max).unwrap_or(f64::INFINITY) + 3.0;
         let pixels = (0..width * rig.camera.height_px)
             .into_par_iter()
             .filter_map(|i| {
                 let (u, v) = ((i % width) as f64, (i / width) as f64);
-                if (u - lens.centre_u).hypot(v - lens.centre_v) > edge_px {
+                if (u - centre_u).hypot(v - centre_v) > edge_px {
                     return None;
                 }
                 let at = |j: usize| (j as f64 + 0.5) / PIXEL_SAMPLES as f64;
@@ -82,11 +85,12 @@ impl TwinBench {
             accuracy,
             sample,
             placement: Placement::Sample,
+            camera,
             projector,
             inverse,
             pixels,
-            camera_lens: lens,
             dome,
+            target: None,
             sequence: Vec::new(),
             reflected: None,
             shown: 0,
@@ -135,11 +139,11 @@ impl TwinBench {
     fn pattern_light(&self) -> PatternLight {
         let p = &self.rig.projector;
         let edge = self.rig.projector_map().radius_px(self.dome.theta_max()).unwrap_or(f64::INFINITY) + 4.0;
-        let lens = self.projector.lens();
+        let (centre_u, centre_v) = self.projector.image_centre();
         let lo = |c: f64| (c - edge).floor().max(0.0) as usize;
         let hi = |c: f64, n: usize| ((c + edge).ceil() as usize).min(n);
-        let (u0, v0) = (lo(lens.centre_u), lo(lens.centre_v));
-        let (width, height) = (hi(lens.centre_u, p.width_px) - u0, hi(lens.centre_v, p.height_px) - v0);
+        let (u0, v0) = (lo(centre_u), lo(centre_v));
+        let (width, height) = (hi(centre_u, p.width_px) - u0, hi(centre_v, p.height_px) - v0);
         let means: Vec<f64> = self.sequence.iter().map(|s| self.mean_light(s)).collect();
         let (lights, vignetting) = (self.code_lights(), self.vignetting());
         PatternLight::new([u0, v0], [width, height], self.sequence.len(), |pattern, column, row| {
@@ -153,9 +157,16 @@ impl TwinBench {
     fn compute_rates(&mut self) -> Vec<f32> {
         let (width, height) = (self.rig.camera.width_px, self.rig.camera.height_px);
         let mut rates = vec![self.config.ambient_e_s as f32; width * height];
-        if self.placement == Placement::Screen {
-            self.add_screen(&mut rates);
-            return rates;
+        match self.placement {
+            Placement::Screen => {
+                self.add_screen(&mut rates);
+                return rates;
+            }
+            Placement::PrintedCross | Placement::Crosses | Placement::Mirror => {
+                self.add_target(&mut rates);
+                return rates;
+            }
+            Placement::Sample | Placement::GrayCard => {}
         }
         if self.reflected.is_none() {
             self.reflected = Some(self.reflect());
@@ -182,7 +193,7 @@ impl TwinBench {
         reflected.par_chunks_mut(patterns).zip(&self.pixels).for_each(|(row, (i, directions))| {
             let (column, line) = (i % width, i / width);
             let channels = self.rig.camera.mosaic.channels(column, line);
-            let falloff = self.natural_falloff(&self.camera_lens, column, line);
+            let falloff = self.natural_falloff(self.camera.lens(), column, line);
             for wo in directions {
                 for &c in channels {
                     let gain = self.config.channel_gains[c] / channels.len() as f64;
@@ -193,28 +204,55 @@ impl TwinBench {
         reflected
     }
 
-    /// The white screen: both devices share one centre of projection, so a pixel sees one direction of the projector.
+    /// What replaces the sample for `calibrate align` and `calibrate map`.
+    fn add_target(&mut self, rates: &mut [f32]) {
+        let target = self.target.take();
+        let scene =
+            Scene { rig: &self.rig, camera: &self.camera, projector: &self.projector, inverse: &self.inverse };
+        let target = target.unwrap_or_else(|| match self.placement {
+            Placement::Mirror => Target::mirror(&scene),
+            placement => Target::crosses(&scene, placement == Placement::Crosses),
+        });
+        let pattern = &self.sequence[self.shown];
+        let mean = self.mean_light(pattern);
+        let (lights, vignetting, lamp) = (self.code_lights(), self.vignetting(), self.lamp_e_s());
+        let shines = |(&code, v): (&u8, &f64)| lights[usize::from(code)] * v + self.config.leakage * mean;
+        let light: Vec<f64> = pattern.codes.iter().zip(&vignetting).map(shines).collect();
+        let width = self.rig.camera.width_px;
+        target.image(&scene, &light, |pixel, radiance| {
+            let (column, row) = (pixel % width, pixel / width);
+            let falloff = self.natural_falloff(self.camera.lens(), column, row);
+            rates[pixel] += (lamp * radiance * falloff * self.channel_gain(column, row)) as f32;
+        });
+        self.target = Some(target);
+    }
+
+    /// Sensitivity of a pixel.
+    fn channel_gain(&self, column: usize, row: usize) -> f64 {
+        let channels = self.rig.camera.mosaic.channels(column, row);
+        channels.iter().map(|&c| self.config.channel_gains[c]).sum::<f64>() / channels.len() as f64
+    }
+
+    /// The white screen: a pixel sees one point of it, and that one direction of the projector.
     fn add_screen(&self, rates: &mut [f32]) {
         let (width, p) = (self.rig.camera.width_px, &self.rig.projector);
         let pattern = &self.sequence[self.shown];
         let mean = self.mean_light(pattern);
         let white = self.lamp_e_s() * self.gray_card_radiance();
         let (lights, vignetting) = (self.code_lights(), self.vignetting());
+        let height = self.rig.centre_height_mm - p.focus_mm;
         for (i, rate) in rates.iter_mut().enumerate() {
             let (column, row) = (i % width, i / width);
-            let ray = self.camera_lens.ray(column as f64 + 0.5, row as f64 + 0.5);
-            let (u, v) = self.projector.lens().pixel(&ray);
+            let point = self.camera.on_plane(column as f64 + 0.5, row as f64 + 0.5, height);
+            let (u, v) = self.projector.image(&point);
             if u < 0.0 || v < 0.0 || u >= p.width_px as f64 || v >= p.height_px as f64 {
                 continue;
             }
             let pixel = v as usize * p.width_px + u as usize;
             let code = pattern.codes[pixel];
             let light = lights[usize::from(code)] * vignetting[pixel] + self.config.leakage * mean;
-            let falloff = ray.z.powi(4) * self.natural_falloff(&self.camera_lens, column, row);
-            let gain: f64 = {
-                let channels = self.rig.camera.mosaic.channels(column, row);
-                channels.iter().map(|&c| self.config.channel_gains[c]).sum::<f64>() / channels.len() as f64
-            };
+            let falloff = self.projector.lens().ray(u, v).z.powi(4) * self.natural_falloff(self.camera.lens(), column, row);
+            let gain = self.channel_gain(column, row);
             *rate += (white * gain * light * falloff) as f32;
         }
     }
@@ -330,7 +368,7 @@ impl Bench for TwinBench {
 
     fn place(&mut self, what: Placement) -> Result<(), CaptureError> {
         self.placement = what;
-        (self.reflected, self.rates) = (None, None);
+        (self.target, self.reflected, self.rates) = (None, None, None);
         Ok(())
     }
 }

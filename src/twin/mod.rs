@@ -8,8 +8,9 @@ mod bench;
 mod config;
 mod forward;
 mod geometry;
+mod targets;
 
 pub use bench::TwinBench;
-pub use config::{Perturbation, TwinConfig};
+pub use config::TwinConfig;
 pub use forward::{Accuracy, PatternLight, ResponseField, lobe_width};
-pub use geometry::{InverseMap, PerturbedDevice};
+pub use geometry::InverseMap;

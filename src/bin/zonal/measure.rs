@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use zonal::capture::RunFolder;
 use zonal::measure::{Provenance, RunRecord, measure};
 use zonal::reflectance::open;
-use zonal::twin::TwinConfig;
 
 use crate::common::{self, Report};
 
@@ -27,6 +26,9 @@ pub struct Args {
     /// Simulate a camera without shot and dark noise.
     #[arg(long)]
     noiseless: bool,
+    /// What is out of place in the simulated rig: a JSON file with any of the keys of `perturbation` in run.json.
+    #[arg(long, value_name = "FILE.json")]
+    misalign: Option<PathBuf>,
     /// Folder with the rig's calibrations; without it a simulated rig is calibrated first.
     #[arg(long)]
     calibration: Option<PathBuf>,
@@ -41,7 +43,7 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     common::makeable(&args.out)?;
     let Some(material) = &args.simulate else { return Err(common::no_devices()) };
     let sample = open(material)?;
-    let mut config = TwinConfig::pinhole(args.seed);
+    let mut config = common::twin(args.seed, args.misalign.as_deref())?;
     if args.noiseless {
         config = config.noiseless();
     }
