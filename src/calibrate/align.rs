@@ -14,7 +14,7 @@ use crate::patterns::{Pattern, Timing};
 
 /// Exposures of each frame, and their length in refresh periods: a screen lit directly is a thousand times darker than a
 /// sample lit by the dome.
-const SHOTS: usize = 8;
+const SHOTS: usize = 12;
 const SHOT_REFRESHES: f64 = 64.0;
 /// Camera pixels along each side of a sample: whole cells of a Bayer mosaic.
 const BIN: usize = 4;

@@ -163,30 +163,43 @@ mod tests {
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
 
-    /// Two crosses in uneven light under 3% noise, one broad and faint: each is found to a tenth of a pixel.
+    fn photograph(light: impl Fn(f64, f64) -> f64, left: impl Fn(f64, f64) -> f64) -> Vec<Sample> {
+        let mut rng = rand_xoshiro::Xoshiro256PlusPlus::seed_from_u64(5);
+        let mut samples = Vec::new();
+        for i in 0..150 * 150 {
+            let (u, v) = (f64::from(i % 150 * 4), f64::from(i / 150 * 4));
+            let noise: f64 = StandardNormal.sample(&mut rng);
+            samples.push(Sample { u, v, value: light(u, v) * left(u, v) + 12.0 * noise, sigma: 12.0 });
+        }
+        samples
+    }
+
+    fn assert_found(found: &Cross, u: f64, v: f64, tolerance: f64) {
+        println!("{found:?}");
+        assert!((found.u - u).abs() < tolerance && (found.v - v).abs() < tolerance, "{found:?}");
+        assert!((found.u - u).abs() < 4.0 * found.sigma[0] && (found.v - v).abs() < 4.0 * found.sigma[1], "{found:?}");
+    }
+
+    const MIDDLE: (f64, f64) = (300.0, 300.0);
+
     #[test]
-    fn crosses_are_found_in_uneven_light_and_noise() {
+    fn lines_are_found_in_uneven_light_and_noise() {
+        let shape = Shape { angle: 0.0, width_px: 14.6, blur_px: 10.0 };
+        let light = |u: f64, v: f64| 400.0 * (1.0 + 0.3 * (u / 600.0 - 0.5) - 0.4 * (v / 600.0 - 0.5).powi(2));
+        let samples = photograph(light, |u, v| 1.0 - 0.9 * shape.cover(u - 331.3, v - 287.9, 0.004, 1.0));
+        assert_found(&find(&samples, &[shape], MIDDLE, 268.0, 4).unwrap()[0], 331.3, 287.9, 0.1);
+        assert!(find(&photograph(light, |_, _| 1.0), &[shape], MIDDLE, 268.0, 4).is_none(), "no cross is none");
+    }
+
+    #[test]
+    fn wires_and_their_broad_shadow_are_told_apart() {
         let wire = Shape { angle: 0.25 * PI, width_px: 32.0, blur_px: 17.0 };
         let shadow = Shape { angle: 0.25 * PI, width_px: 32.0, blur_px: 217.0 };
-        let mut rng = rand_xoshiro::Xoshiro256PlusPlus::seed_from_u64(5);
-        let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
-        let mut samples = Vec::new();
-        for j in (0..600).step_by(4) {
-            for i in (0..600).step_by(4) {
-                let (u, v) = (f64::from(i), f64::from(j));
-                let light = 400.0 * (1.0 + 0.3 * (u / 600.0 - 0.5) - 0.2 * (v / 600.0 - 0.5).powi(2));
-                let left = (1.0 - wire.cover(u - 331.3, v - 287.9, 0.004, 1.0))
-                    * (1.0 - shadow.cover(u - 291.7, v - 308.2, 0.004, 1.0));
-                samples.push(Sample { u, v, value: light * left + 12.0 * normal(), sigma: 12.0 });
-            }
-        }
-        let found = find(&samples, &[wire, shadow], (300.0, 300.0), 268.0, 2).unwrap();
-        for (cross, (u, v), tolerance) in [(found[0], (331.3, 287.9), 0.2), (found[1], (291.7, 308.2), 2.0)] {
-            println!("{cross:?}");
-            assert!((cross.u - u).abs() < tolerance && (cross.v - v).abs() < tolerance, "{cross:?}");
-            assert!((cross.u - u).abs() < 4.0 * cross.sigma[0] && (cross.v - v).abs() < 4.0 * cross.sigma[1]);
-        }
-        let empty: Vec<Sample> = samples.iter().map(|s| Sample { value: 400.0 + 12.0 * normal(), ..*s }).collect();
-        assert!(find(&empty, &[wire], (300.0, 300.0), 268.0, 0).is_none(), "no cross is none");
+        let left = |u: f64, v: f64| {
+            (1.0 - wire.cover(u - 331.3, v - 287.9, 0.004, 1.0)) * (1.0 - shadow.cover(u - 291.7, v - 308.2, 0.004, 1.0))
+        };
+        let found = find(&photograph(|_, _| 400.0, left), &[wire, shadow], MIDDLE, 268.0, 0).unwrap();
+        assert_found(&found[0], 331.3, 287.9, 0.1);
+        assert_found(&found[1], 291.7, 308.2, 1.0);
     }
 }

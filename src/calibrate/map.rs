@@ -1,13 +1,14 @@
 //! The map of both devices as they really stand, from what the camera sees of fringes in a mirror and on its border.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::least_squares::{Minimum, minimise};
 use super::{AxisAlignment, CalibrateError};
 use crate::capture::{Bench, Crop, Placement, ResponseImage, capture_sequence};
-use crate::geometry::{Direction, Sample};
+use crate::geometry::Direction;
+use crate::geometry::quadrature::tangents;
 use crate::optics::{Device, MapCorrection, Misaligned, Misalignment, OpticalMap, Rig};
 use crate::patterns::{Fringes, Timing};
 use crate::radiometry::Response;
@@ -15,13 +16,15 @@ use crate::radiometry::Response;
 /// Exposures in refresh periods: the border, lit directly, is a thousand times darker than the mirror.
 const EXPOSURES_REFRESHES: [f64; 3] = [64.0, 4.0, 1.0];
 /// Camera pixels along each side of a sample of the border: whole cells of a Bayer mosaic.
-const BIN: usize = 4;
+const BIN: usize = 8;
+/// Pixels along each side of what is averaged in the mirror: the map is straight over so little, its noise is not.
+const BLOCK: usize = 6;
 /// Distance from the image of the paraboloid's edge, in slope, within which mirror and border are not told apart.
 const BETWEEN: f64 = 7.5e-3;
 /// Pairs of each kind that are used.
 const PAIRS: usize = 3000;
 /// Fewer pairs in the mirror are no map.
-const LEAST_PAIRS: usize = 200;
+const LEAST_PAIRS: usize = 100;
 /// Pairs farther from the model than this many standard deviations are left out.
 const OUTLIER: f64 = 5.0;
 /// What is not determined is taken to be this near to nominal: displacements in mm, turns and tilts in degrees.
@@ -111,10 +114,19 @@ struct Pair {
     projector: [f64; 2],
 }
 
+impl Pair {
+    fn mean(pairs: &[Self]) -> Self {
+        let mean = |at: fn(&Self) -> [f64; 2]| {
+            [0, 1].map(|i| pairs.iter().map(|p| at(p)[i]).sum::<f64>() / pairs.len() as f64)
+        };
+        Self { camera: mean(|p| p.camera), projector: mean(|p| p.projector) }
+    }
+}
+
 /// All pairs, by way of the mirrors and on the border.
 #[derive(Debug, Clone, Default)]
 struct Pairs {
-    mirrored: Vec<Pair>,
+    mirrored: Vec<(Pair, Scale)>,
     direct: Vec<Pair>,
 }
 
@@ -145,7 +157,15 @@ fn look(rig: &Rig, bench: &mut dyn Bench, response: &Response) -> Result<Pairs, 
     bench.place(Placement::Mirror)?;
     let exposures = EXPOSURES_REFRESHES.map(|n| n * refresh);
     let images = capture_sequence(rig, bench, &fringes.patterns(response), &exposures, crop)?;
-    Ok(Pairs { mirrored: thinned(in_mirror(rig, &fringes, &images)), direct: thinned(on_border(rig, &fringes, &images)) })
+    Ok(Pairs::new(rig, in_mirror(rig, &fringes, &images), on_border(rig, &fringes, &images)))
+}
+
+impl Pairs {
+    fn new(rig: &Rig, mirrored: Vec<Pair>, direct: Vec<Pair>) -> Self {
+        let map = rig.projector_map();
+        let scaled = thinned(mirrored).into_iter().filter_map(|pair| Some((pair, pixel_scale(&map, &pair)?)));
+        Self { mirrored: scaled.collect(), direct: thinned(direct) }
+    }
 }
 
 /// At most `PAIRS` of them, spread evenly.
@@ -160,7 +180,7 @@ fn paraboloid_px(rig: &Rig) -> (f64, f64) {
     (rho / (rig.centre_height_mm - mirrors.paraboloid_height(rho)) * lens.focal_px, BETWEEN * lens.focal_px)
 }
 
-/// Pixels that see the mirror, all their neighbours too: at the edges of shadows pixels see part of a point's light.
+/// Blocks of pixels that see the mirror, all their neighbours too: at the edges of shadows pixels see part of a point's light.
 fn in_mirror(rig: &Rig, fringes: &Fringes, images: &[ResponseImage]) -> Vec<Pair> {
     let (width, height) = (rig.camera.width_px, rig.camera.height_px);
     let lens = rig.camera.lens();
@@ -175,7 +195,15 @@ fn in_mirror(rig: &Rig, fringes: &Fringes, images: &[ResponseImage]) -> Vec<Pair
         let [column, row] = fringes.decode(&rates, &variances, fringes.levels())?;
         Some(Pair { camera: [u, v], projector: [column.px, row.px] })
     };
-    inner((0..width * height).into_par_iter().map(decode).collect(), width)
+    let pixels: Vec<Option<Pair>> = (0..width * height).into_par_iter().map(decode).collect();
+    let inner = inner(&pixels, width);
+    let (columns, rows) = (width / BLOCK, height / BLOCK);
+    let block = |b: usize| {
+        let corner = b / columns * BLOCK * width + b % columns * BLOCK;
+        let pairs: Option<Vec<Pair>> = (0..BLOCK * BLOCK).map(|i| inner[corner + i / BLOCK * width + i % BLOCK]).collect();
+        pairs.map(|pairs| Pair::mean(&pairs))
+    };
+    (0..columns * rows).filter_map(block).collect()
 }
 
 /// Squares of pixels that see the border. It lies out of the projector's focus, where the finest fringes are gone.
@@ -198,18 +226,19 @@ fn on_border(rig: &Rig, fringes: &Fringes, images: &[ResponseImage]) -> Vec<Pair
         let [column, row] = fringes.decode(&rates, &variances, fringes.levels() - 1)?;
         Some(Pair { camera: [u, v], projector: [column.px, row.px] })
     };
-    inner((0..columns * rows).into_par_iter().map(decode).collect(), columns)
+    let squares: Vec<Option<Pair>> = (0..columns * rows).into_par_iter().map(decode).collect();
+    inner(&squares, columns).into_iter().flatten().collect()
 }
 
 /// Those whose eight neighbours are there too.
-fn inner(pairs: Vec<Option<Pair>>, width: usize) -> Vec<Pair> {
+fn inner(pairs: &[Option<Pair>], width: usize) -> Vec<Option<Pair>> {
     let there = |p: usize, du: isize, dv: isize| {
         let (u, v) = ((p % width) as isize + du, (p / width) as isize + dv);
         let inside = u >= 0 && v >= 0 && u < width as isize;
         inside && pairs.get((v * width as isize + u) as usize).is_some_and(Option::is_some)
     };
     let whole = |p: usize| (-1..=1).all(|du| (-1..=1).all(|dv| there(p, du, dv)));
-    pairs.iter().enumerate().filter(|(p, pair)| pair.is_some() && whole(*p)).filter_map(|(_, pair)| *pair).collect()
+    pairs.iter().enumerate().map(|(p, pair)| pair.filter(|_| whole(p))).collect()
 }
 
 /// Parameters: displacement and turn of the camera, of the projector, decentre of paraboloid and dome, tilt of the sample.
@@ -260,16 +289,30 @@ fn misalignment(value: impl Fn(usize) -> f64) -> Misalignment {
     }
 }
 
+/// Projector pixels for a small change of direction near that of a projector point: rows u and v, from the nominal map.
+type Scale = [Vector3<f64>; 2];
+
+fn pixel_scale(map: &OpticalMap, pair: &Pair) -> Option<Scale> {
+    const STEP: f64 = 1e-5;
+    let d = map.direction(pair.projector[0], pair.projector[1])?.vector();
+    let (t, b) = tangents(&d);
+    let along = |axis: &Vector3<f64>| {
+        let at = |step: f64| map.pixel_beyond(&Direction::new(d + axis * step));
+        let ((pu, pv), (mu, mv)) = (at(STEP)?, at(-STEP)?);
+        Some([(pu - mu) / (2.0 * STEP), (pv - mv) / (2.0 * STEP)])
+    };
+    let (t_px, b_px) = (along(&t)?, along(&b)?);
+    Some([0, 1].map(|i| t * t_px[i] + b * b_px[i]))
+}
+
 /// What both kinds of pairs leave unexplained, projector pixels; pairs whose rays miss a mirror leave NaN.
 fn unexplained(rig: &Rig, m: &Misalignment, pairs: &Pairs) -> (Vec<f64>, Vec<f64>) {
     let (camera, projector) = (Misaligned::new(rig, m, Device::Camera), Misaligned::new(rig, m, Device::Projector));
-    let nominal = rig.projector_map();
-    let at = |d: Option<Direction<Sample>>| d.and_then(|d| nominal.pixel_beyond(&d)).unwrap_or((f64::NAN, f64::NAN));
-    let mirrored = |pair: &Pair| {
-        // Both as points of one nominal image, so that residuals of all directions are pixels.
-        let (u, v) = at(camera.direction_beyond(pair.camera[0], pair.camera[1]).map(|wo| wo.mirrored()));
-        let (p, q) = at(projector.direction_beyond(pair.projector[0], pair.projector[1]));
-        [u - p, v - q]
+    let mirrored = |(pair, scale): &(Pair, Scale)| {
+        let wo = camera.direction_beyond(pair.camera[0], pair.camera[1]);
+        let wi = projector.direction_beyond(pair.projector[0], pair.projector[1]);
+        let off = wo.zip(wi).map(|(wo, wi)| wo.mirrored().vector() - wi.vector());
+        scale.map(|axis| off.map_or(f64::NAN, |off| axis.dot(&off)))
     };
     let direct = |pair: &Pair| {
         let (p, q) = projector.image(&camera.on_plane(pair.camera[0], pair.camera[1], 0.0));
@@ -301,11 +344,9 @@ fn fit(rig: &Rig, pairs: &Pairs, known: Option<&AxisAlignment>) -> Option<RigMap
         let (mirrored, direct) = unexplained(rig, &prior.at(&start), &pairs);
         sigma = [&mirrored, &direct].map(|r| robust_deviation(r).max(1e-4));
         let near = |r: &[f64], sigma: f64| r.iter().all(|r| r.abs() < OUTLIER * sigma);
-        let keep = |pairs: &[Pair], r: &[f64], sigma: f64| -> Vec<Pair> {
-            pairs.iter().zip(r.chunks(2)).filter(|(_, r)| near(r, sigma)).map(|(p, _)| *p).collect()
-        };
-        pairs.mirrored = keep(&pairs.mirrored, &mirrored, sigma[0]);
-        pairs.direct = keep(&pairs.direct, &direct, sigma[1]);
+        let (mut first, mut second) = (mirrored.chunks(2), direct.chunks(2));
+        pairs.mirrored.retain(|_| first.next().is_some_and(|r| near(r, sigma[0])));
+        pairs.direct.retain(|_| second.next().is_some_and(|r| near(r, sigma[1])));
         found = Some(minimum);
     }
     let Minimum { x, covariance, .. } = found?;
@@ -398,22 +439,22 @@ mod tests {
         let nominal = rig.projector_map();
         let map = nominal.clone().corrected(MapCorrection::new(&nominal, &projector));
         let (c_u, c_v) = camera.image_centre();
-        let mut pairs = Pairs::default();
+        let (mut mirrored, mut direct) = (Vec::new(), Vec::new());
         for i in 0..800 {
             let phi = f64::from(i) * 2.399_963;
             let r = 221.0 * (f64::from(i) / 800.0).sqrt();
             let (u, v) = (c_u + r * phi.cos(), c_v + r * phi.sin());
             if let Some((p, q)) = camera.direction(u, v).and_then(|wo| map.pixel(&wo.mirrored())) {
-                pairs.mirrored.push(Pair { camera: [u, v], projector: [p, q] });
+                mirrored.push(Pair { camera: [u, v], projector: [p, q] });
             }
             let r = 411.0 + 100.0 * f64::from(i) / 800.0;
             let (u, v) = (c_u + r * phi.cos(), c_v + r * phi.sin());
             let (p, q) = projector.image(&camera.on_plane(u, v, 0.0));
             if p > 0.0 && q > 0.0 && p < 800.0 && q < 600.0 {
-                pairs.direct.push(Pair { camera: [u, v], projector: [p, q] });
+                direct.push(Pair { camera: [u, v], projector: [p, q] });
             }
         }
-        pairs
+        Pairs::new(rig, mirrored, direct)
     }
 
     fn worst_direction_deg(rig: &Rig, a: &Misalignment, b: &Misalignment, device: Device) -> f64 {

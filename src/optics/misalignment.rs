@@ -186,14 +186,14 @@ impl Misaligned {
         let reach = self.mirrors.edge_radius() * 1.02
             / (self.mirrors.centre().z - self.mirrors.paraboloid_height(self.mirrors.edge_radius()))
             * self.lens.focal_px;
-        // Half of the reach shows some 45 deg on any rig: neither shadow nor rim.
+        // From the middle of what is seen along a radius, each end is bracketed.
         let end = |azimuth: f64, beyond: f64| {
             let (sin, cos) = azimuth.sin_cos();
             let at = |r: f64| self.direction(c_u + r * cos, c_v + r * sin);
-            let middle = (1..100).map(|i| f64::from(i) / 100.0 * reach).filter(|&r| at(r).is_some());
+            let middle = (1..24).map(|i| f64::from(i) / 24.0 * reach).filter(|&r| at(r).is_some());
             let middle: Vec<f64> = middle.collect();
             let (mut seen, mut unseen) = (middle.get(middle.len() / 2).copied()?, beyond * reach);
-            for _ in 0..40 {
+            for _ in 0..32 {
                 let r = 0.5 * (seen + unseen);
                 if at(r).is_some() { seen = r } else { unseen = r }
             }

@@ -145,7 +145,7 @@ impl Default for Alignment {
     fn default() -> Self {
         Self {
             wire_height_mm: 220.0,
-            wire_width_mm: 1.0,
+            wire_width_mm: 2.0,
             screen_height_mm: 0.0,
             line_width_mm: 1.0,
             opening_radius_mm: 16.3,

@@ -19,12 +19,12 @@ const BLACK: f64 = 0.05;
 const MIRROR: f64 = 0.92;
 /// Samples along each side of a camera pixel that sees the mirror.
 const SIDE: usize = 3;
-/// Points of the camera's pupil: a Fibonacci number.
-const CAMERA_POINTS: usize = 55;
-/// Points of the projector's pupil: a Fibonacci number.
-const PROJECTOR_POINTS: usize = 1597;
-/// Spacing of the screen's irradiance, mm: the projector's blur there is ten times wider.
-const SCREEN_STEP_MM: f64 = 0.5;
+/// Points of the camera's pupil.
+const CAMERA_POINTS: usize = 56;
+/// Points of the projector's pupil.
+const PROJECTOR_POINTS: usize = 1600;
+/// Spacing of the screen's irradiance, mm: the projector's blur there is five times wider.
+const SCREEN_STEP_MM: f64 = 1.0;
 
 /// A rig's two devices and what is between them.
 pub(super) struct Scene<'a> {
@@ -150,12 +150,19 @@ impl Scene<'_> {
         let a = &self.rig.alignment;
         let focus = self.rig.centre_height_mm - self.rig.camera.focus_mm;
         let edge = edge_mm(self.rig.camera.pupil_mm(), CAMERA_POINTS, focus, self.rig.centre_height_mm);
+        // Within a pixel the plane in focus is an affine image of it.
+        let (u, v) = (column as f64, row as f64);
+        let corner = self.camera.on_plane(u, v, focus);
+        let (along, down) =
+            (self.camera.on_plane(u + 1.0, v, focus) - corner, self.camera.on_plane(u, v + 1.0, focus) - corner);
         let (mut share, mut place) = (0.0, [0.0; 2]);
         for (i, q) in disc(CAMERA_POINTS).enumerate() {
-            // Another point of the pixel for each point of the pupil.
-            let jitter = |step: f64| ((i as f64 + 0.5) * step).fract();
-            let (u, v) = (column as f64 + jitter(0.754_877_666), row as f64 + jitter(0.569_840_291));
-            let target = self.camera.on_plane(u, v, focus);
+            // Another point of the pixel for each point of the pupil, opposite for opposite ones.
+            let jitter = |step: f64| {
+                let x = ((i / 2) as f64 * step + 0.25).fract();
+                if i % 2 == 0 { x } else { 1.0 - x }
+            };
+            let target = corner + along * jitter(0.754_877_666) + down * jitter(0.569_840_291);
             let pupil = self.camera.centre() + Vector3::new(q[0], q[1], 0.0) * self.rig.camera.pupil_mm();
             let at = |height: f64| pupil + (target - pupil) * ((height - pupil.z) / (target.z - pupil.z));
             let wire = at(a.wire_height_mm);
@@ -225,11 +232,12 @@ impl Screen {
     }
 }
 
-/// Points of the unit disc, all of one area: the sunflower.
+/// Points of the unit disc, all of one area: a sunflower and its mirror image, so that their mean is the centre.
 fn disc(n: usize) -> impl Iterator<Item = [f64; 2]> {
     (0..n).map(move |i| {
-        let (r, phi) = (((i as f64 + 0.5) / n as f64).sqrt(), i as f64 * 2.399_963_229_728_653);
-        [r * phi.cos(), r * phi.sin()]
+        let (pair, sign) = ((i / 2) as f64, if i % 2 == 0 { 1.0 } else { -1.0 });
+        let (r, phi) = (((pair + 0.5) / (n / 2) as f64).sqrt(), pair * 2.399_963_229_728_653);
+        [sign * r * phi.cos(), sign * r * phi.sin()]
     })
 }
 

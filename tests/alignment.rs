@@ -1,0 +1,139 @@
+//! Alignment and maps of misaligned simulated rigs: what is out of place is found, and measurements then are right.
+
+mod common;
+
+use std::sync::LazyLock;
+
+use zonal::calibrate::{RigMap, align, map};
+use zonal::optics::{Device, Misaligned, Misalignment, Rig};
+use zonal::radiometry::Response;
+use zonal::reflectance::open;
+use zonal::twin::{TwinBench, TwinConfig};
+
+static BUILT: LazyLock<Rig> = LazyLock::new(|| common::rig("ghosh-2007-built"));
+
+fn bench(rig: &Rig, m: Misalignment, seed: u64) -> TwinBench {
+    let config = TwinConfig { perturbation: m, ..TwinConfig::pinhole(seed) };
+    TwinBench::new(rig, config, open("gray-card").unwrap())
+}
+
+/// The twin's own response: what `calibrate response` finds to 0.1%.
+fn response() -> Response {
+    let twin = TwinConfig::pinhole(0);
+    Response::from_levels((0..=255).map(|c| twin.response(c)).collect(), twin.contrast).unwrap()
+}
+
+/// 0.5 mm in some direction, 0.2 deg about some axis.
+fn displaced(azimuth_deg: f64) -> [f64; 2] {
+    let (s, c) = azimuth_deg.to_radians().sin_cos();
+    [0.5 * c, 0.5 * s]
+}
+
+fn turned(azimuth_deg: f64) -> [f64; 2] {
+    displaced(azimuth_deg).map(|x| 0.4 * x)
+}
+
+fn default_rig() -> Misalignment {
+    TwinConfig::pinhole(0).perturbation
+}
+
+/// What an alignment must tell: a tenth of what may be off.
+const ALIGN_MM: f64 = 0.05;
+const ALIGN_DEG: f64 = 0.02;
+
+#[test]
+fn crosses_tell_where_devices_stand() {
+    let cases = [
+        (displaced(30.0), turned(100.0), displaced(200.0), turned(-60.0)),
+        (displaced(-90.0), turned(0.0), displaced(60.0), turned(160.0)),
+    ];
+    for (seed, (camera, camera_turn, projector, projector_turn)) in cases.into_iter().enumerate() {
+        let m = Misalignment {
+            camera_displacement_mm: camera,
+            camera_turn_deg: camera_turn,
+            projector_displacement_mm: projector,
+            projector_turn_deg: projector_turn,
+            ..Misalignment::none()
+        };
+        let found = align(&BUILT, &mut bench(&BUILT, m, seed as u64)).unwrap();
+        let off = |got: [f64; 2], want: [f64; 2]| (got[0] - want[0]).abs().max((got[1] - want[1]).abs());
+        let wrong = [
+            off(found.camera.displacement_mm, camera),
+            off(found.camera.turn_deg, camera_turn),
+            off(found.projector.displacement_mm, projector),
+            off(found.projector.turn_deg, projector_turn),
+        ];
+        println!("{wrong:.4?} (mm, deg, mm, deg) with {found:?}");
+        assert!(wrong[0] < ALIGN_MM && wrong[2] < ALIGN_MM, "{wrong:?} {found:?}");
+        assert!(wrong[1] < ALIGN_DEG && wrong[3] < ALIGN_DEG, "{wrong:?} {found:?}");
+    }
+}
+
+/// RMS over the zone, and the zone's ends.
+const MAP_DEG: f64 = 0.05;
+
+/// RMS angle between a map and the truth over the zone of one device, and of the nominal map.
+fn map_error_deg(rig: &Rig, truth: &Misalignment, found: &RigMap, device: Device) -> [f64; 2] {
+    let traced = Misaligned::new(rig, truth, device);
+    let (maps, panel) = match device {
+        Device::Camera => ([found.camera_map(rig), rig.camera_map()], (rig.camera.width_px, rig.camera.height_px)),
+        Device::Projector => {
+            ([found.projector_map(rig), rig.projector_map()], (rig.projector.width_px, rig.projector.height_px))
+        }
+    };
+    let [mut sums, mut n] = [[0.0; 2], [0.0; 2]];
+    for p in (0..panel.0 * panel.1).step_by(7) {
+        let (u, v) = ((p % panel.0) as f64 + 0.5, (p / panel.0) as f64 + 0.5);
+        let Some(want) = traced.direction(u, v).filter(|d| rig.zone().contains(d.theta())) else { continue };
+        for (i, map) in maps.iter().enumerate() {
+            if let Some(got) = map.direction(u, v) {
+                sums[i] += (got.vector() - want.vector()).norm_squared();
+                n[i] += 1.0;
+            }
+        }
+    }
+    assert!(n[0] > 1000.0);
+    [0, 1].map(|i| f64::sqrt(sums[i] / n[i]).to_degrees())
+}
+
+fn assert_mapped(m: Misalignment, seed: u64, aligned: bool) {
+    let mut bench = bench(&BUILT, m, seed);
+    let t = std::time::Instant::now();
+    let known = aligned.then(|| align(&BUILT, &mut bench).unwrap());
+    println!("align {:?}", t.elapsed());
+    let found = map(&BUILT, &mut bench, &response(), known.as_ref()).unwrap();
+    println!("and map {:?}", t.elapsed());
+    let ends = [Device::Camera, Device::Projector].map(|d| Misaligned::new(&BUILT, &m, d).edges(512).usable());
+    let ends = [ends[0][0].max(ends[1][0]), ends[0][1].min(ends[1][1])].map(f64::to_degrees);
+    println!("{} {} pairs, residuals {:.4?} px, errors said {:.4?}", found.pairs[0], found.pairs[1], found.residual_px, found.direction_error_deg);
+    println!("zone {:.3?} +- {:.3?}, true {ends:.3?}", found.zone_deg, found.zone_error_deg);
+    println!("{:?}", found.misalignment);
+    for device in [Device::Camera, Device::Projector] {
+        let [with, without] = map_error_deg(&BUILT, &m, &found, device);
+        println!("{device:?}: {with:.4} deg RMS with the map, {without:.3} without");
+        assert!(with < MAP_DEG, "{device:?}: {with} deg");
+    }
+    for (got, want) in found.zone_deg.iter().zip(ends) {
+        assert!((got - want).abs() < MAP_DEG, "{:?} {ends:?}", found.zone_deg);
+    }
+}
+
+#[test]
+fn the_default_rig_is_mapped() {
+    assert_mapped(default_rig(), 1, true);
+}
+
+#[test]
+fn a_rig_with_everything_out_of_place_is_mapped() {
+    let m = Misalignment {
+        paraboloid_offset_mm: displaced(140.0),
+        camera_displacement_mm: displaced(10.0),
+        projector_displacement_mm: displaced(-110.0),
+        camera_turn_deg: turned(70.0),
+        projector_turn_deg: turned(-30.0),
+        sample_tilt_deg: turned(200.0),
+        ..default_rig()
+    };
+    assert_mapped(m, 2, false);
+    assert_mapped(m, 2, true);
+}
