@@ -2,12 +2,14 @@
 
 mod common;
 
-use std::sync::LazyLock;
+use std::sync::{Arc, LazyLock};
 
-use zonal::calibrate::{RigMap, align, map};
+use zonal::calibrate::{CalibrationSet, RigMap, align, map};
+use zonal::fit::{FitMethod, FitOptions, fit};
 use zonal::optics::{Device, Misaligned, Misalignment, Rig};
+use zonal::patterns::Plan;
 use zonal::radiometry::Response;
-use zonal::reflectance::open;
+use zonal::reflectance::{Ggx, open};
 use zonal::twin::{TwinBench, TwinConfig};
 
 static BUILT: LazyLock<Rig> = LazyLock::new(|| common::rig("ghosh-2007-built"));
@@ -35,6 +37,18 @@ fn turned(azimuth_deg: f64) -> [f64; 2] {
 
 fn default_rig() -> Misalignment {
     TwinConfig::pinhole(0).perturbation
+}
+
+fn everything() -> Misalignment {
+    Misalignment {
+        paraboloid_offset_mm: displaced(140.0),
+        camera_displacement_mm: displaced(10.0),
+        projector_displacement_mm: displaced(-110.0),
+        camera_turn_deg: turned(70.0),
+        projector_turn_deg: turned(-30.0),
+        sample_tilt_deg: turned(200.0),
+        ..default_rig()
+    }
 }
 
 /// What an alignment must tell: a tenth of what may be off.
@@ -125,15 +139,29 @@ fn the_default_rig_is_mapped() {
 
 #[test]
 fn a_rig_with_everything_out_of_place_is_mapped() {
-    let m = Misalignment {
-        paraboloid_offset_mm: displaced(140.0),
-        camera_displacement_mm: displaced(10.0),
-        projector_displacement_mm: displaced(-110.0),
-        camera_turn_deg: turned(70.0),
-        projector_turn_deg: turned(-30.0),
-        sample_tilt_deg: turned(200.0),
-        ..default_rig()
-    };
-    assert_mapped(m, 2, false);
-    assert_mapped(m, 2, true);
+    assert_mapped(everything(), 2, true);
+}
+
+/// Of alpha: what the calibrated maps must leave.
+const ALPHA: f64 = 0.01;
+
+/// Sharp lobes at a low order live from the zone's edges: without its map a misaligned rig gets them wrong.
+#[test]
+fn a_misaligned_rig_with_its_map_measures_sharp_lobes() {
+    let mut rig = BUILT.clone();
+    rig.zone.theta_min_deg = 9.7;
+    let glossy = Ggx::isotropic(0.05, [0.5; 3]).on_lambert(0.8, [0.2; 3]);
+    let config = TwinConfig { perturbation: everything(), ..TwinConfig::pinhole(3) };
+    let mut bench = TwinBench::new(&rig, config.clone(), open("gray-card").unwrap());
+    let mapped = CalibrationSet::make_mapped(&rig, &mut bench, &mut |_, _, _| ()).unwrap();
+    let nominal = CalibrationSet { map: None, ..common::calibrated(&rig, &config) };
+    let quiet = TwinConfig { seed: 4, ..config }.noiseless();
+    let [with, without] = [&mapped, &nominal].map(|calibration| {
+        let measured = common::run(&rig, &Plan::of_order(2), &quiet, calibration, Arc::new(glossy.clone()));
+        let report = fit(&measured.coefficients, FitMethod::Ggx, &FitOptions::default()).unwrap();
+        println!("{:?}, chi {:.2}", report.parameters, report.chi);
+        report.parameters["alpha"] / 0.05 - 1.0
+    });
+    println!("alpha is off by {:.2}% with the map, {:.1}% without", 100.0 * with, 100.0 * without);
+    assert!(with.abs() < ALPHA && without.abs() > 5.0 * ALPHA, "{with} {without}");
 }

@@ -124,12 +124,14 @@ fn look(rig: &Rig, bench: &mut dyn Bench) -> Result<Seen, CalibrateError> {
     let (bare, drawn, wired) =
         (lit(&screen[0], &screen[1]), lit(&screen[2], &screen[1]), lit(&wires[0], &wires[1]));
     let radius = scale.region_px;
-    let one = |samples: &[Sample], shape, degree, which| {
+    let one = |samples: &[Sample], at, shape, degree, which| {
         let found = find(samples, &[shape], at, radius, degree).ok_or(CalibrateError::NoCross { which })?;
         Ok::<Cross, CalibrateError>(found[0])
     };
-    let printed = one(&bare, scale.printed, UNEVEN, "printed")?;
-    let drawn = one(&ratio(&drawn, &bare), scale.drawn, 0, "projected")?;
+    let printed = one(&bare, at, scale.printed, UNEVEN, "printed")?;
+    // From here on about the middle of the screen itself: all that is used of it must be lit by the whole pupil.
+    let at = (printed.u, printed.v);
+    let drawn = one(&ratio(&drawn, &bare), at, scale.drawn, 0, "projected")?;
     let both = find(&ratio(&wired, &bare), &[scale.wire, scale.shadow], at, radius, 0);
     let both = both.ok_or(CalibrateError::NoCross { which: "wire" })?;
     Ok(Seen { printed, drawn, wire: both[0], shadow: both[1] })

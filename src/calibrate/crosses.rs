@@ -12,8 +12,8 @@ const SEARCH_STEPS: usize = 41;
 const SEARCH_SAMPLES: usize = 3000;
 /// A cross must stand out from the residuals by this many standard errors of its contrast.
 const LEAST_SIGNIFICANCE: f64 = 10.0;
-/// Samples farther from the model than this many standard deviations are left out.
-const OUTLIER: f64 = 4.0;
+/// Samples farther from the model than this many standard deviations count for as much as at it (Huber's estimator).
+const OUTLIER: f64 = 3.0;
 
 /// A place of the image, pixels, with the light there and its standard error.
 #[derive(Debug, Clone, Copy)]
@@ -67,6 +67,13 @@ impl Shape {
     }
 }
 
+/// Contrast of black lines: what `cover` leaves dark is dark.
+const EXPECTED_CONTRAST: f64 = 0.9;
+/// Widths and blur come from the rig's dimensions: their common scale is near 1, by this much in its logarithm.
+const SCALE: f64 = 0.2;
+/// Crosses are mounted upright to this angle, in units of 0.1 rad.
+const UPRIGHT: f64 = 0.5;
+
 /// Parameters of each cross: centre (in units of its line), turn (in units of 0.1), contrast, log of its scale.
 const PER_CROSS: usize = 5;
 
@@ -76,7 +83,7 @@ const PER_CROSS: usize = 5;
 /// `None` if a cross does not stand out.
 pub(super) fn find(samples: &[Sample], shapes: &[Shape], at: (f64, f64), radius: f64, degree: usize) -> Option<Vec<Cross>> {
     let inside = |s: &&Sample| (s.u - at.0).hypot(s.v - at.1) < radius && s.value.is_finite() && s.sigma > 0.0;
-    let mut used: Vec<Sample> = samples.iter().filter(inside).copied().collect();
+    let used: Vec<Sample> = samples.iter().filter(inside).copied().collect();
     let first = search(&used, &shapes[0], at, radius)?;
     let unit = |shape: &Shape| 0.5 * shape.width_px + shape.blur_px;
     let mut mean = used.iter().map(|s| s.value).sum::<f64>() / used.len() as f64;
@@ -88,7 +95,7 @@ pub(super) fn find(samples: &[Sample], shapes: &[Shape], at: (f64, f64), radius:
     let mut start = Vec::new();
     for (i, shape) in shapes.iter().enumerate() {
         let (u, v) = if i == 0 { first } else { at };
-        start.extend([(u - at.0) / unit(shape), (v - at.1) / unit(shape), 0.0, if i == 0 { 0.5 } else { 0.1 }, 0.0]);
+        start.extend([(u - at.0) / unit(shape), (v - at.1) / unit(shape), 0.0, EXPECTED_CONTRAST, 0.0]);
     }
     start.extend(powers.iter().map(|&(i, j)| if i + j == 0 { 1.0 } else { 0.0 }));
     let model = |s: &Sample, p: &[f64]| {
@@ -97,21 +104,26 @@ pub(super) fn find(samples: &[Sample], shapes: &[Shape], at: (f64, f64), radius:
             powers.iter().zip(&p[PER_CROSS * shapes.len()..]).map(|(&(i, j), c)| c * x.powi(i) * y.powi(j)).sum();
         let left = shapes.iter().zip(p.chunks_exact(PER_CROSS)).map(|(shape, p)| {
             let (du, dv) = (s.u - at.0 - p[0] * unit(shape), s.v - at.1 - p[1] * unit(shape));
-            1.0 - p[3] * shape.cover(du, dv, 0.1 * p[2], p[4].clamp(-1.0, 1.0).exp())
+            1.0 - p[3] * shape.cover(du, dv, 0.1 * p[2], p[4].exp())
         });
         mean * light * left.product::<f64>()
     };
     let mut found = None;
+    let mut used = used;
     for _ in 0..2 {
-        let residuals = |p: &[f64]| used.iter().map(|s| (model(s, p) - s.value) / s.sigma).collect();
+        let residuals = |p: &[f64]| {
+            let expected = p[..PER_CROSS * shapes.len()].chunks_exact(PER_CROSS).flat_map(|p| [p[2] / UPRIGHT, p[4] / SCALE]);
+            used.iter().map(|s| (model(s, p) - s.value) / s.sigma).chain(expected).collect()
+        };
         let minimum = minimise(start.clone(), &residuals)?;
         let scale = (minimum.residuals.norm_squared() / used.len() as f64).sqrt();
         let mut sizes: Vec<f64> = minimum.residuals.iter().map(|r| r.abs()).collect();
         sizes.sort_unstable_by(f64::total_cmp);
         // 0.6745 standard deviations hold half of a normal distribution.
         let limit = OUTLIER * sizes[sizes.len() / 2] / 0.6745;
-        let mut kept = minimum.residuals.iter().map(|r| r.abs() < limit);
-        used.retain(|_| kept.next().unwrap_or(false));
+        for (s, r) in used.iter_mut().zip(&minimum.residuals) {
+            s.sigma *= (r.abs() / limit).max(1.0).sqrt();
+        }
         start = minimum.x.as_slice().to_vec();
         found = Some((minimum, scale));
     }
