@@ -121,8 +121,7 @@ fn look(rig: &Rig, bench: &mut dyn Bench) -> Result<Seen, CalibrateError> {
     let lens = rig.camera.lens();
     let at = (lens.centre_u, lens.centre_v);
     let lit = |image: &ResponseImage, dark: &ResponseImage| binned(rig, image, dark);
-    let (bare, drawn, wired) =
-        (lit(&screen[0], &screen[1]), lit(&screen[2], &screen[1]), lit(&wires[0], &wires[1]));
+    let (bare, drawn, wired) = (lit(&screen[0], &screen[1]), lit(&screen[2], &screen[1]), lit(&wires[0], &wires[1]));
     let radius = scale.region_px;
     let one = |samples: &[Sample], at, shape, degree, which| {
         let found = find(samples, &[shape], at, radius, degree).ok_or(CalibrateError::NoCross { which })?;

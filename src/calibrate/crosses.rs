@@ -81,7 +81,13 @@ const PER_CROSS: usize = 5;
 /// (`u`, `v`). L is a polynomial of `degree`. The first cross is searched for, the others lie near (`u`, `v`).
 ///
 /// `None` if a cross does not stand out.
-pub(super) fn find(samples: &[Sample], shapes: &[Shape], at: (f64, f64), radius: f64, degree: usize) -> Option<Vec<Cross>> {
+pub(super) fn find(
+    samples: &[Sample],
+    shapes: &[Shape],
+    at: (f64, f64),
+    radius: f64,
+    degree: usize,
+) -> Option<Vec<Cross>> {
     let inside = |s: &&Sample| (s.u - at.0).hypot(s.v - at.1) < radius && s.value.is_finite() && s.sigma > 0.0;
     let used: Vec<Sample> = samples.iter().filter(inside).copied().collect();
     let first = search(&used, &shapes[0], at, radius)?;
@@ -90,8 +96,7 @@ pub(super) fn find(samples: &[Sample], shapes: &[Shape], at: (f64, f64), radius:
     if mean == 0.0 {
         mean = 1.0;
     }
-    let powers: Vec<(i32, i32)> =
-        (0..=degree as i32).flat_map(|n| (0..=n).map(move |i| (n - i, i))).collect();
+    let powers: Vec<(i32, i32)> = (0..=degree as i32).flat_map(|n| (0..=n).map(move |i| (n - i, i))).collect();
     let mut start = Vec::new();
     for (i, shape) in shapes.iter().enumerate() {
         let (u, v) = if i == 0 { first } else { at };
@@ -112,7 +117,8 @@ pub(super) fn find(samples: &[Sample], shapes: &[Shape], at: (f64, f64), radius:
     let mut used = used;
     for _ in 0..2 {
         let residuals = |p: &[f64]| {
-            let expected = p[..PER_CROSS * shapes.len()].chunks_exact(PER_CROSS).flat_map(|p| [p[2] / UPRIGHT, p[4] / SCALE]);
+            let expected =
+                p[..PER_CROSS * shapes.len()].chunks_exact(PER_CROSS).flat_map(|p| [p[2] / UPRIGHT, p[4] / SCALE]);
             used.iter().map(|s| (model(s, p) - s.value) / s.sigma).chain(expected).collect()
         };
         let minimum = minimise(start.clone(), &residuals)?;
@@ -208,7 +214,8 @@ mod tests {
         let wire = Shape { angle: 0.25 * PI, width_px: 32.0, blur_px: 17.0 };
         let shadow = Shape { angle: 0.25 * PI, width_px: 32.0, blur_px: 217.0 };
         let left = |u: f64, v: f64| {
-            (1.0 - wire.cover(u - 331.3, v - 287.9, 0.004, 1.0)) * (1.0 - shadow.cover(u - 291.7, v - 308.2, 0.004, 1.0))
+            (1.0 - wire.cover(u - 331.3, v - 287.9, 0.004, 1.0))
+                * (1.0 - shadow.cover(u - 291.7, v - 308.2, 0.004, 1.0))
         };
         let found = find(&photograph(|_, _| 400.0, left), &[wire, shadow], MIDDLE, 268.0, 0).unwrap();
         assert_found(&found[0], 331.3, 287.9, 0.1);

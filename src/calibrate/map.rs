@@ -1,28 +1,18 @@
 //! The map of both devices as they really stand, from what the camera sees of fringes in a mirror and on its border.
 
-use nalgebra::{DMatrix, Vector3};
+use std::collections::BTreeMap;
+
+use nalgebra::DMatrix;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::least_squares::{Minimum, minimise};
+use super::pairs::{Pair, Pairs, Scale, look};
 use super::{AxisAlignment, CalibrateError};
-use crate::capture::{Bench, Crop, Placement, ResponseImage, capture_sequence};
-use crate::geometry::Direction;
-use crate::geometry::quadrature::tangents;
+use crate::capture::Bench;
 use crate::optics::{Device, MapCorrection, Misaligned, Misalignment, OpticalMap, Rig};
-use crate::patterns::{Fringes, Timing};
 use crate::radiometry::Response;
 
-/// Exposures in refresh periods: the border, lit directly, is a thousand times darker than the mirror.
-const EXPOSURES_REFRESHES: [f64; 3] = [64.0, 4.0, 1.0];
-/// Camera pixels along each side of a sample of the border: whole cells of a Bayer mosaic.
-const BIN: usize = 8;
-/// Pixels along each side of what is averaged in the mirror: the map is straight over so little, its noise is not.
-const BLOCK: usize = 6;
-/// Distance from the image of the paraboloid's edge, in slope, within which mirror and border are not told apart.
-const BETWEEN: f64 = 7.5e-3;
-/// Pairs of each kind that are used.
-const PAIRS: usize = 3000;
 /// Fewer pairs in the mirror are no map.
 const LEAST_PAIRS: usize = 100;
 /// Pairs farther from the model than this many standard deviations are left out.
@@ -44,8 +34,9 @@ pub struct RigMap {
     pub misalignment: Misalignment,
     /// Standard error of each of its numbers.
     pub standard_error: Misalignment,
-    /// Share of each number's prior variance that the fringes took away: near 0 it is an assumption, near 1 a measurement.
-    pub determined: Misalignment,
+    /// Share of the variance before, as known from `align` or assumed, that the fringes took away from each part's (x, y):
+    /// near 0 nothing new was learned, near 1 all.
+    pub determined: BTreeMap<String, [f64; 2]>,
     /// Pairs used: by way of the mirrors, and on the border.
     pub pairs: [usize; 2],
     /// RMS of what the fit leaves of them, projector pixels.
@@ -80,7 +71,8 @@ impl RigMap {
     /// # Errors
     /// [`CalibrateError::ZoneBeyondMap`], with the zone to ask for.
     pub fn check_zone(&self, rig: &Rig) -> Result<(), CalibrateError> {
-        let (asked, allowed, error) = ([rig.zone.theta_min_deg, rig.zone.theta_max_deg], self.zone_deg, self.zone_error_deg);
+        let (asked, allowed, error) =
+            ([rig.zone.theta_min_deg, rig.zone.theta_max_deg], self.zone_deg, self.zone_error_deg);
         if asked[0] >= allowed[0] - error[0] && asked[1] <= allowed[1] + error[1] {
             return Ok(());
         }
@@ -107,29 +99,6 @@ impl Maps {
     }
 }
 
-/// A camera point and the projector point that lights what it sees.
-#[derive(Debug, Clone, Copy)]
-struct Pair {
-    camera: [f64; 2],
-    projector: [f64; 2],
-}
-
-impl Pair {
-    fn mean(pairs: &[Self]) -> Self {
-        let mean = |at: fn(&Self) -> [f64; 2]| {
-            [0, 1].map(|i| pairs.iter().map(|p| at(p)[i]).sum::<f64>() / pairs.len() as f64)
-        };
-        Self { camera: mean(|p| p.camera), projector: mean(|p| p.projector) }
-    }
-}
-
-/// All pairs, by way of the mirrors and on the border.
-#[derive(Debug, Clone, Default)]
-struct Pairs {
-    mirrored: Vec<(Pair, Scale)>,
-    direct: Vec<Pair>,
-}
-
 /// Shows fringes on a mirror in the sample's place and fits the misalignment that explains what the camera sees.
 ///
 /// `known` is what `align` found of the devices; without it they are taken to stand near their nominal places.
@@ -150,99 +119,17 @@ pub fn map(
     fit(rig, &pairs, known).ok_or_else(unclear)
 }
 
-fn look(rig: &Rig, bench: &mut dyn Bench, response: &Response) -> Result<Pairs, CalibrateError> {
-    let fringes = Fringes::new(rig.projector.width_px, rig.projector.height_px);
-    let refresh = Timing::of(rig).refresh_s;
-    let crop = Crop::whole(rig);
-    bench.place(Placement::Mirror)?;
-    let exposures = EXPOSURES_REFRESHES.map(|n| n * refresh);
-    let images = capture_sequence(rig, bench, &fringes.patterns(response), &exposures, crop)?;
-    Ok(Pairs::new(rig, in_mirror(rig, &fringes, &images), on_border(rig, &fringes, &images)))
-}
-
-impl Pairs {
-    fn new(rig: &Rig, mirrored: Vec<Pair>, direct: Vec<Pair>) -> Self {
-        let map = rig.projector_map();
-        let scaled = thinned(mirrored).into_iter().filter_map(|pair| Some((pair, pixel_scale(&map, &pair)?)));
-        Self { mirrored: scaled.collect(), direct: thinned(direct) }
-    }
-}
-
-/// At most `PAIRS` of them, spread evenly.
-fn thinned(pairs: Vec<Pair>) -> Vec<Pair> {
-    let n = pairs.len();
-    if n <= PAIRS { pairs } else { (0..PAIRS).map(|i| pairs[i * n / PAIRS]).collect() }
-}
-
-/// Radius in pixels of the nominal image of the paraboloid's edge, and the width of what is neither mirror nor border.
-fn paraboloid_px(rig: &Rig) -> (f64, f64) {
-    let (rho, mirrors, lens) = (rig.paraboloid_radius_mm(), rig.mirrors(), rig.camera.lens());
-    (rho / (rig.centre_height_mm - mirrors.paraboloid_height(rho)) * lens.focal_px, BETWEEN * lens.focal_px)
-}
-
-/// Blocks of pixels that see the mirror, all their neighbours too: at the edges of shadows pixels see part of a point's light.
-fn in_mirror(rig: &Rig, fringes: &Fringes, images: &[ResponseImage]) -> Vec<Pair> {
-    let (width, height) = (rig.camera.width_px, rig.camera.height_px);
-    let lens = rig.camera.lens();
-    let (edge, between) = paraboloid_px(rig);
-    let decode = |p: usize| {
-        let (u, v) = ((p % width) as f64 + 0.5, (p / width) as f64 + 0.5);
-        if (u - lens.centre_u).hypot(v - lens.centre_v) > edge - between {
-            return None;
-        }
-        let rates: Vec<f64> = images.iter().map(|i| f64::from(i.rate[p])).collect();
-        let variances: Vec<f64> = images.iter().map(|i| f64::from(i.variance[p])).collect();
-        let [column, row] = fringes.decode(&rates, &variances, fringes.levels())?;
-        Some(Pair { camera: [u, v], projector: [column.px, row.px] })
-    };
-    let pixels: Vec<Option<Pair>> = (0..width * height).into_par_iter().map(decode).collect();
-    let inner = inner(&pixels, width);
-    let (columns, rows) = (width / BLOCK, height / BLOCK);
-    let block = |b: usize| {
-        let corner = b / columns * BLOCK * width + b % columns * BLOCK;
-        let pairs: Option<Vec<Pair>> = (0..BLOCK * BLOCK).map(|i| inner[corner + i / BLOCK * width + i % BLOCK]).collect();
-        pairs.map(|pairs| Pair::mean(&pairs))
-    };
-    (0..columns * rows).filter_map(block).collect()
-}
-
-/// Squares of pixels that see the border. It lies out of the projector's focus, where the finest fringes are gone.
-fn on_border(rig: &Rig, fringes: &Fringes, images: &[ResponseImage]) -> Vec<Pair> {
-    let (columns, rows) = (rig.camera.width_px / BIN, rig.camera.height_px / BIN);
-    let lens = rig.camera.lens();
-    let (edge, between) = paraboloid_px(rig);
-    let decode = |b: usize| {
-        let (u0, v0) = (b % columns * BIN, b / columns * BIN);
-        let (u, v) = ((u0 + BIN / 2) as f64, (v0 + BIN / 2) as f64);
-        if (u - lens.centre_u).hypot(v - lens.centre_v) < edge + between {
-            return None;
-        }
-        let sum = |plane: &dyn Fn(&ResponseImage, usize) -> f32, image: &ResponseImage| {
-            let at = |i: usize| (v0 + i / BIN) * rig.camera.width_px + u0 + i % BIN;
-            (0..BIN * BIN).map(|i| f64::from(plane(image, at(i)))).sum::<f64>()
-        };
-        let rates: Vec<f64> = images.iter().map(|i| sum(&|i, p| i.rate[p], i)).collect();
-        let variances: Vec<f64> = images.iter().map(|i| sum(&|i, p| i.variance[p], i)).collect();
-        let [column, row] = fringes.decode(&rates, &variances, fringes.levels() - 1)?;
-        Some(Pair { camera: [u, v], projector: [column.px, row.px] })
-    };
-    let squares: Vec<Option<Pair>> = (0..columns * rows).into_par_iter().map(decode).collect();
-    inner(&squares, columns).into_iter().flatten().collect()
-}
-
-/// Those whose eight neighbours are there too.
-fn inner(pairs: &[Option<Pair>], width: usize) -> Vec<Option<Pair>> {
-    let there = |p: usize, du: isize, dv: isize| {
-        let (u, v) = ((p % width) as isize + du, (p / width) as isize + dv);
-        let inside = u >= 0 && v >= 0 && u < width as isize;
-        inside && pairs.get((v * width as isize + u) as usize).is_some_and(Option::is_some)
-    };
-    let whole = |p: usize| (-1..=1).all(|du| (-1..=1).all(|dv| there(p, du, dv)));
-    pairs.iter().enumerate().map(|(p, pair)| pair.filter(|_| whole(p))).collect()
-}
-
 /// Parameters: displacement and turn of the camera, of the projector, decentre of paraboloid and dome, tilt of the sample.
-const PARAMETERS: usize = 14;
+const PARAMETERS: usize = 2 * PARTS.len();
+const PARTS: [&str; 7] = [
+    "camera_displacement",
+    "camera_turn",
+    "projector_displacement",
+    "projector_turn",
+    "paraboloid_offset",
+    "dome_offset",
+    "sample_tilt",
+];
 
 /// Expected values and standard deviations of the parameters before any fringe was seen, in mm and degrees.
 struct Prior {
@@ -287,22 +174,6 @@ fn misalignment(value: impl Fn(usize) -> f64) -> Misalignment {
         sample_tilt_deg: pair(12),
         ..Misalignment::none()
     }
-}
-
-/// Projector pixels for a small change of direction near that of a projector point: rows u and v, from the nominal map.
-type Scale = [Vector3<f64>; 2];
-
-fn pixel_scale(map: &OpticalMap, pair: &Pair) -> Option<Scale> {
-    const STEP: f64 = 1e-5;
-    let d = map.direction(pair.projector[0], pair.projector[1])?.vector();
-    let (t, b) = tangents(&d);
-    let along = |axis: &Vector3<f64>| {
-        let at = |step: f64| map.pixel_beyond(&Direction::new(d + axis * step));
-        let ((pu, pv), (mu, mv)) = (at(STEP)?, at(-STEP)?);
-        Some([(pu - mu) / (2.0 * STEP), (pv - mv) / (2.0 * STEP)])
-    };
-    let (t_px, b_px) = (along(&t)?, along(&b)?);
-    Some([0, 1].map(|i| t * t_px[i] + b * b_px[i]))
 }
 
 /// What both kinds of pairs leave unexplained, projector pixels; pairs whose rays miss a mirror leave NaN.
@@ -352,11 +223,12 @@ fn fit(rig: &Rig, pairs: &Pairs, known: Option<&AxisAlignment>) -> Option<RigMap
     let Minimum { x, covariance, .. } = found?;
     let m = prior.at(x.as_slice());
     let (mirrored, direct) = unexplained(rig, &m, &pairs);
+    let determined = |part: usize| [2 * part, 2 * part + 1].map(|i| (1.0 - covariance[(i, i)]).clamp(0.0, 1.0));
     let (edges, edge_error) = edges(rig, &prior, x.as_slice(), &covariance);
     Some(RigMap {
         misalignment: m,
         standard_error: misalignment(|i| prior.sigma[i] * covariance[(i, i)].sqrt()),
-        determined: misalignment(|i| (1.0 - covariance[(i, i)]).clamp(0.0, 1.0)),
+        determined: PARTS.iter().enumerate().map(|(part, name)| (name.to_string(), determined(part))).collect(),
         pairs: [pairs.mirrored.len(), pairs.direct.len()],
         residual_px: [rms(&mirrored), rms(&direct)],
         direction_error_deg: [Device::Camera, Device::Projector]
@@ -428,6 +300,7 @@ fn direction_error_deg(rig: &Rig, device: Device, prior: &Prior, x: &[f64], cova
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calibrate::DeviceAlignment;
 
     fn rig() -> Rig {
         Rig::from_toml(include_str!("../../optics/ghosh-2007-built.toml")).unwrap()
@@ -470,6 +343,9 @@ mod tests {
         worst
     }
 
+    /// Of directions from exact pairs: what the priors pull.
+    const EXACT_DEG: f64 = 1e-3;
+
     #[test]
     fn what_pairs_determine() {
         let rig = rig();
@@ -484,7 +360,7 @@ mod tests {
             ..Misalignment::none()
         };
         let pairs = exact(&rig, &truth);
-        let device = |displacement_mm, turn_deg| super::super::DeviceAlignment {
+        let device = |displacement_mm, turn_deg| DeviceAlignment {
             displacement_mm,
             displacement_error_mm: [0.01; 2],
             turn_deg,
@@ -496,10 +372,41 @@ mod tests {
         };
         for known in [None, Some(&known)] {
             let found = fit(&rig, &pairs, known).unwrap();
-            println!("{found:#?}");
             for device in [Device::Camera, Device::Projector] {
-                println!("{device:?}: {:.4} deg", worst_direction_deg(&rig, &truth, &found.misalignment, device));
+                let off = worst_direction_deg(&rig, &truth, &found.misalignment, device);
+                println!("{device:?}: {off:.1e} deg");
+                assert!(off < EXACT_DEG, "{device:?}: {off}");
             }
+            // All displaced alike is the same rig: half of the priors' width is left in what four parts share.
+            let shared = found.determined["camera_displacement"][0];
+            assert!((0.3..0.8).contains(&shared), "{shared}");
+            assert!(found.determined["sample_tilt"].iter().all(|d| *d > 0.999));
+            let moved = |m: &Misalignment| m.camera_displacement_mm[0] - m.paraboloid_offset_mm[0];
+            assert!((moved(&found.misalignment) - moved(&truth)).abs() < 1e-3, "{:?}", found.misalignment);
         }
+    }
+
+    /// The rig that stands where it should is the hardest: its symmetry hides a camera that is displaced and turned the one
+    /// way and a projector the other. Crosses on the axis tell.
+    #[test]
+    fn an_aligned_rig_needs_its_crosses() {
+        let rig = rig();
+        let truth = Misalignment { sample_tilt_deg: [0.02, 0.0], ..Misalignment::none() };
+        let mut pairs = exact(&rig, &truth);
+        for (i, (pair, _)) in pairs.mirrored.iter_mut().enumerate() {
+            // A tenth of a pixel of anything.
+            pair.projector[i % 2] += 0.1 * (i as f64 * 2.399_963).sin();
+        }
+        let device = DeviceAlignment {
+            displacement_mm: [0.0; 2],
+            displacement_error_mm: [0.012; 2],
+            turn_deg: [0.0; 2],
+            turn_error_deg: [0.002; 2],
+        };
+        let known = AxisAlignment { camera: device, projector: device };
+        let [without, with] =
+            [None, Some(&known)].map(|known| fit(&rig, &pairs, known).unwrap().direction_error_deg[0]);
+        println!("{without} deg without crosses, {with} deg with them");
+        assert!(without > 5.0 * with && with < 0.03, "{without} {with}");
     }
 }

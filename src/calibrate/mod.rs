@@ -4,6 +4,7 @@ mod align;
 mod crosses;
 mod least_squares;
 mod map;
+mod pairs;
 mod procedures;
 mod set;
 

@@ -70,7 +70,8 @@ pub fn flat_field(rig: &Rig, bench: &mut dyn Bench, map: Option<&RigMap>) -> Res
     };
     let channel_means = channel_means(rig, crop, |p| mean(0, p) - mean(1, p));
     let off = map.map_or(Misalignment::none(), |m| m.misalignment);
-    let (camera, projector) = (Misaligned::new(rig, &off, Device::Camera), Misaligned::new(rig, &off, Device::Projector));
+    let (camera, projector) =
+        (Misaligned::new(rig, &off, Device::Camera), Misaligned::new(rig, &off, Device::Projector));
     let screen_mm = rig.centre_height_mm - rig.projector.focus_mm;
     let mut sums = vec![(0.0f64, 0.0f64); width * height];
     for p in 0..crop.len() {

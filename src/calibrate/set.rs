@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::{AxisAlignment, CalibrateError, GrayCardCheck, Maps, RigMap, align, map, procedures};
+use super::{AxisAlignment, CalibrateError, GrayCardCheck, Maps, RigMap, procedures};
 use crate::capture::{Bench, Progress};
 use crate::optics::Rig;
 use crate::patterns::Plan;
@@ -73,33 +73,18 @@ const FLAT_FIELD: &str = "flat-field.exr";
 const GRAY_CARD: &str = "gray-card.json";
 
 impl CalibrationSet {
-    /// Makes the three calibrations that every measurement needs: response, flat field, gray card of order 2.
-    ///
-    /// # Errors
-    /// [`CalibrateError`].
-    pub fn make(rig: &Rig, bench: &mut dyn Bench, progress: &mut Progress<'_>) -> Result<Self, CalibrateError> {
-        let response = procedures::response(rig, bench)?;
-        Self::complete(rig, bench, response, None, progress)
-    }
-
-    /// The same with a map, whose alignment is measured first.
+    /// Makes the three calibrations that every measurement needs: response, flat field, gray card of order 2. `map` says
+    /// where devices and mirrors stand; nominal without it.
     ///
     /// # Errors
     /// [`CalibrateError`], among them [`CalibrateError::ZoneBeyondMap`].
-    pub fn make_mapped(rig: &Rig, bench: &mut dyn Bench, progress: &mut Progress<'_>) -> Result<Self, CalibrateError> {
-        let response = procedures::response(rig, bench)?;
-        let known = align(rig, bench)?;
-        let map = map(rig, bench, &response, Some(&known))?;
-        Self::complete(rig, bench, response, Some(map), progress)
-    }
-
-    fn complete(
+    pub fn make(
         rig: &Rig,
         bench: &mut dyn Bench,
-        response: Response,
         map: Option<RigMap>,
         progress: &mut Progress<'_>,
     ) -> Result<Self, CalibrateError> {
+        let response = procedures::response(rig, bench)?;
         let flat = procedures::flat_field(rig, bench, map.as_ref())?;
         let plan = Plan::of_order(2);
         let (scale, check) = procedures::gray_card(rig, bench, &plan, &response, &flat, map.as_ref(), progress)?;

@@ -97,7 +97,8 @@ mod tests {
             sample_tilt_deg: [0.1, -0.2],
             ..Misalignment::none()
         };
-        for text in [include_str!("../../optics/ghosh-2007-built.toml"), include_str!("../../optics/ghosh-2007-full.toml")]
+        for text in
+            [include_str!("../../optics/ghosh-2007-built.toml"), include_str!("../../optics/ghosh-2007-full.toml")]
         {
             let rig = Rig::from_toml(text).unwrap();
             let maps = [(Device::Camera, rig.camera_map()), (Device::Projector, rig.projector_map())];

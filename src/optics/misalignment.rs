@@ -303,7 +303,8 @@ mod tests {
 
     #[test]
     fn a_turned_device_looks_elsewhere_as_its_signs_say() {
-        let m = Misalignment { camera_turn_deg: [0.2, 0.1], camera_displacement_mm: [0.5, 0.0], ..Misalignment::none() };
+        let m =
+            Misalignment { camera_turn_deg: [0.2, 0.1], camera_displacement_mm: [0.5, 0.0], ..Misalignment::none() };
         let device = camera(&m);
         let (u, v) = (rig().camera.lens().centre_u, rig().camera.lens().centre_v);
         let spot = device.on_plane(u, v, 0.0);

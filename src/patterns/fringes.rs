@@ -105,8 +105,7 @@ impl Fringes {
             first += level.steps;
             let amplitude = 2.0 / n * sin.hypot(cos);
             let sigma = (2.0 * variance / n).sqrt();
-            // Written so that NaN fails.
-            if !(amplitude >= LEAST_SNR * sigma) {
+            if amplitude.is_nan() || amplitude < LEAST_SNR * sigma {
                 return None;
             }
             let within = sin.atan2(cos) / TAU * level.period_px;

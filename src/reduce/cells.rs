@@ -62,8 +62,7 @@ impl CellMap {
     /// # Errors
     /// [`ReduceError::EmptyCell`] if the grid is too fine for the camera.
     pub fn new(rig: &Rig, map: &OpticalMap, crop: Crop, grid: ExitantGrid) -> Result<Self, ReduceError> {
-        let pixels: Vec<Option<Pixel>> =
-            (0..crop.len()).into_par_iter().map(|p| pixel(map, &grid, &crop, p)).collect();
+        let pixels: Vec<Option<Pixel>> = (0..crop.len()).into_par_iter().map(|p| pixel(map, &grid, &crop, p)).collect();
         let mut buckets: Vec<Vec<Pixel>> = vec![Vec::new(); 3 * grid.len()];
         for pixel in pixels.into_iter().flatten() {
             let (column, row) = crop.sensor_pixel(pixel.index as usize);
@@ -261,7 +260,10 @@ mod tests {
     fn grids_finer_than_the_camera_are_refused() {
         let rig = rig();
         let grid = ExitantGrid::new(rig.zone(), 400, 900);
-        assert!(matches!(CellMap::new(&rig, &rig.camera_map(), Crop::of_zone(&rig), grid), Err(ReduceError::EmptyCell { .. })));
+        assert!(matches!(
+            CellMap::new(&rig, &rig.camera_map(), Crop::of_zone(&rig), grid),
+            Err(ReduceError::EmptyCell { .. })
+        ));
     }
 
     #[test]

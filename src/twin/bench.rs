@@ -7,8 +7,8 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rayon::prelude::*;
 
-use super::forward::{Accuracy, PatternLight, ResponseField};
 use super::TwinConfig;
+use super::forward::{Accuracy, PatternLight, ResponseField};
 use super::geometry::InverseMap;
 use super::targets::{Scene, Target};
 use crate::calibrate::GRAY_CARD_ALBEDO;
@@ -207,8 +207,7 @@ impl TwinBench {
     /// What replaces the sample for `calibrate align` and `calibrate map`.
     fn add_target(&mut self, rates: &mut [f32]) {
         let target = self.target.take();
-        let scene =
-            Scene { rig: &self.rig, camera: &self.camera, projector: &self.projector, inverse: &self.inverse };
+        let scene = Scene { rig: &self.rig, camera: &self.camera, projector: &self.projector, inverse: &self.inverse };
         let target = target.unwrap_or_else(|| match self.placement {
             Placement::Mirror => Target::mirror(&scene),
             placement => Target::crosses(&scene, placement == Placement::Crosses),
@@ -251,7 +250,8 @@ impl TwinBench {
             let pixel = v as usize * p.width_px + u as usize;
             let code = pattern.codes[pixel];
             let light = lights[usize::from(code)] * vignetting[pixel] + self.config.leakage * mean;
-            let falloff = self.projector.lens().ray(u, v).z.powi(4) * self.natural_falloff(self.camera.lens(), column, row);
+            let falloff =
+                self.projector.lens().ray(u, v).z.powi(4) * self.natural_falloff(self.camera.lens(), column, row);
             let gain = self.channel_gain(column, row);
             *rate += (white * gain * light * falloff) as f32;
         }

@@ -5,7 +5,7 @@ use std::f32::consts::{PI, TAU};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use crate::optics::{Misaligned, Mirrors};
+use crate::optics::{Mirrors, Misaligned};
 
 /// Directions back to a device's pixels: the nominal radial map and a small table of what the perturbation adds to it.
 ///

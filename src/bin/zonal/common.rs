@@ -129,7 +129,7 @@ pub fn calibration(folder: Option<&Path>, rig: &Rig, config: &TwinConfig) -> any
         return Ok(CalibrationSet::read(folder, rig)?);
     }
     let mut bench = TwinBench::new(rig, for_calibration(config), open("gray-card")?);
-    Ok(CalibrationSet::make(rig, &mut bench, &mut frames_bar("calibrate"))?)
+    Ok(CalibrationSet::make(rig, &mut bench, None, &mut frames_bar("calibrate"))?)
 }
 
 /// The simulated rig, with what a file says is out of place.
