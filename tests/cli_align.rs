@@ -45,17 +45,17 @@ fn a_decentred_paraboloid_is_refused_with_the_zone_it_allows() {
     let file: serde_json::Value =
         serde_json::from_slice(&fs::read(desk.path().join("cal/align.json")).unwrap()).unwrap();
     assert_eq!(file["alignment"], said["alignment"]);
-    refused(&words(&map), &["zone 9.00..57.00 deg", "9.3", "set zone.theta_min_deg"]);
+    refused(&words(&map), &["zone 9.00..57.00 deg", "9.6", "set zone.theta_min_deg"]);
     assert!(!desk.path().join("cal/map.json").exists());
 
     let rig = desk.path().join("rig.toml");
-    let narrower = fs::read_to_string(&rig).unwrap().replace("theta_min_deg = 9.0", "theta_min_deg = 9.6");
+    let narrower = fs::read_to_string(&rig).unwrap().replace("theta_min_deg = 9.0", "theta_min_deg = 9.8");
     fs::write(&rig, narrower).unwrap();
     let said = json(&words(&map));
     assert!(said["map"]["zone_deg"][0].as_f64().unwrap() > 9.0, "{said}");
     // Who asks for more than the map allows is refused by whatever would use it.
     json(&words(&flat));
-    let wide = fs::read_to_string(&rig).unwrap().replace("theta_min_deg = 9.6", "theta_min_deg = 9.0");
+    let wide = fs::read_to_string(&rig).unwrap().replace("theta_min_deg = 9.8", "theta_min_deg = 9.0");
     fs::write(&rig, wide).unwrap();
     refused(&words(&calibrate("gray-card", desk.path())), &["set zone.theta_min_deg"]);
 }

@@ -219,6 +219,6 @@ mod tests {
         };
         let found = find(&photograph(|_, _| 400.0, left), &[wire, shadow], MIDDLE, 268.0, 0).unwrap();
         assert_found(&found[0], 331.3, 287.9, 0.1);
-        assert_found(&found[1], 291.7, 308.2, 1.0);
+        assert_found(&found[1], 291.7, 308.2, 2.5);
     }
 }

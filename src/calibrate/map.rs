@@ -393,10 +393,10 @@ mod tests {
         let rig = rig();
         let truth = Misalignment { sample_tilt_deg: [0.02, 0.0], ..Misalignment::none() };
         let mut pairs = exact(&rig, &truth);
-        for (i, (pair, _)) in pairs.mirrored.iter_mut().enumerate() {
-            // A tenth of a pixel of anything.
-            pair.projector[i % 2] += 0.1 * (i as f64 * 2.399_963).sin();
-        }
+        // A tenth of a pixel of anything in the mirror, half a pixel on the border.
+        let error = |i: usize| (i as f64 * 2.399_963).sin();
+        pairs.mirrored.iter_mut().enumerate().for_each(|(i, (pair, _))| pair.projector[i % 2] += 0.1 * error(i));
+        pairs.direct.iter_mut().enumerate().for_each(|(i, pair)| pair.projector[i % 2] += 0.5 * error(i));
         let device = DeviceAlignment {
             displacement_mm: [0.0; 2],
             displacement_error_mm: [0.012; 2],

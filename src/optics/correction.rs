@@ -118,8 +118,11 @@ mod tests {
                     let (back_u, back_v) = map.pixel(&got).unwrap();
                     assert!((back_u - u).hypot(back_v - v) < 1e-6, "{u} {v}: {back_u} {back_v}");
                 }
-                println!("{} {device:?}: {worst:.1e} deg of {moved:.1} over {seen} points", rig.name);
-                assert!(worst < TABLE_DEG && moved > 1.0 && seen > 1500, "{device:?}: {worst} of {moved}, {seen}");
+                assert!(
+                    worst < TABLE_DEG && moved > 1.0 && seen > 1500,
+                    "{} {device:?}: {worst} of {moved} over {seen} points",
+                    rig.name
+                );
             }
         }
     }
