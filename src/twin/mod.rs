@@ -1,8 +1,9 @@
 //! The simulated rig: an independent forward model behind the same traits as real devices.
 //!
 //! `pinhole` traces chief rays through a slightly *perturbed* rig with real mirror intersections, integrates pixels as
-//! areas, and has a real projector's response, contrast and leakage and a real camera's noise, wells and bits. The
-//! reconstruction knows only the nominal rig and what calibrations measured on the perturbed one.
+//! areas, and has a real projector's response, contrast and leakage and a real camera's noise, wells and bits; only the
+//! crosses of an alignment are seen and lit through finite pupils. The reconstruction knows only the nominal rig and what
+//! calibrations measured on the perturbed one.
 
 mod bench;
 mod config;
