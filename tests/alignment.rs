@@ -90,6 +90,9 @@ fn crosses_tell_where_devices_stand() {
 /// RMS over the zone, and the zone's ends.
 const MAP_DEG: f64 = 0.05;
 
+/// Share of the zone that must show fringes if its edges are right: a pixel too many all around would be 1.5%.
+const SEEN: f64 = 0.995;
+
 /// RMS angle between a map and the truth over the zone of one device, and of the nominal map.
 fn map_error_deg(rig: &Rig, truth: &Misalignment, found: &RigMap, device: Device) -> [f64; 2] {
     let traced = Misaligned::new(rig, truth, device);
@@ -126,6 +129,8 @@ fn assert_mapped(m: Misalignment, seed: u64) {
         found.pairs[0], found.pairs[1], found.residual_px, found.direction_error_deg
     );
     println!("zone {:.3?} +- {:.3?}, true {ends:.3?}", found.zone_deg, found.zone_error_deg);
+    println!("fringes in {:.2}% of it", 100.0 * found.seen_share);
+    assert!(found.seen_share > SEEN);
     for device in [Device::Camera, Device::Projector] {
         let [with, without] = map_error_deg(&BUILT, &m, &found, device);
         println!("{device:?}: {with:.4} deg RMS with the map, {without:.3} without");

@@ -47,23 +47,19 @@ pub struct RigMap {
     pub zone_deg: [f64; 2],
     /// Standard errors of these.
     pub zone_error_deg: [f64; 2],
+    /// Share of the camera's pixels in that zone that saw fringes: near 1 unless something else hides or hurts the mirrors.
+    pub seen_share: f64,
 }
 
 impl RigMap {
     /// The camera's map.
     pub fn camera_map(&self, rig: &Rig) -> OpticalMap {
-        self.corrected(rig, rig.camera_map(), Device::Camera)
+        corrected(rig, &self.misalignment, rig.camera_map(), Device::Camera)
     }
 
     /// The projector's map.
     pub fn projector_map(&self, rig: &Rig) -> OpticalMap {
-        self.corrected(rig, rig.projector_map(), Device::Projector)
-    }
-
-    fn corrected(&self, rig: &Rig, nominal: OpticalMap, device: Device) -> OpticalMap {
-        let device = Misaligned::new(rig, &self.misalignment, device);
-        let correction = MapCorrection::new(&nominal, &device);
-        nominal.corrected(correction)
+        corrected(rig, &self.misalignment, rig.projector_map(), Device::Projector)
     }
 
     /// Checks that the rig's zone lies within what the map allows, to the error of its edges.
@@ -78,6 +74,11 @@ impl RigMap {
         }
         Err(CalibrateError::ZoneBeyondMap { asked_deg: asked, allowed_deg: allowed })
     }
+}
+
+fn corrected(rig: &Rig, m: &Misalignment, nominal: OpticalMap, device: Device) -> OpticalMap {
+    let correction = MapCorrection::new(&nominal, &Misaligned::new(rig, m, device));
+    nominal.corrected(correction)
 }
 
 /// Maps of a rig's devices: calibrated, or nominal.
@@ -235,6 +236,7 @@ fn fit(rig: &Rig, pairs: &Pairs, known: Option<&AxisAlignment>) -> Option<RigMap
             .map(|device| direction_error_deg(rig, device, &prior, x.as_slice(), &covariance)),
         zone_deg: edges,
         zone_error_deg: edge_error,
+        seen_share: pairs.seen_share(rig, &corrected(rig, &m, rig.camera_map(), Device::Camera), edges),
     })
 }
 

@@ -42,6 +42,8 @@ impl Pair {
 pub(super) struct Pairs {
     pub mirrored: Vec<(Pair, Scale)>,
     pub direct: Vec<Pair>,
+    /// Whether each pixel of the sensor saw fringes in the mirror.
+    decoded: Vec<bool>,
 }
 
 /// Projector pixels for a small change of direction near that of a projector point: rows u and v, from the nominal map.
@@ -68,14 +70,32 @@ pub(super) fn look(rig: &Rig, bench: &mut dyn Bench, response: &Response) -> Res
     bench.place(Placement::Mirror)?;
     let exposures = EXPOSURES_REFRESHES.map(|n| n * refresh);
     let images = capture_sequence(rig, bench, &fringes.patterns(response), &exposures, crop)?;
-    Ok(Pairs::new(rig, in_mirror(rig, &fringes, &images), on_border(rig, &fringes, &images)))
+    let pixels = in_mirror(rig, &fringes, &images);
+    let decoded = pixels.iter().map(Option::is_some).collect();
+    Ok(Pairs { decoded, ..Pairs::new(rig, blocks(rig, &pixels), on_border(rig, &fringes, &images)) })
 }
 
 impl Pairs {
     pub fn new(rig: &Rig, mirrored: Vec<Pair>, direct: Vec<Pair>) -> Self {
         let map = rig.projector_map();
         let scaled = thinned(mirrored).into_iter().filter_map(|pair| Some((pair, pixel_scale(&map, &pair)?)));
-        Self { mirrored: scaled.collect(), direct: thinned(direct) }
+        Self { mirrored: scaled.collect(), direct: thinned(direct), decoded: Vec::new() }
+    }
+
+    /// Share of the pixels between two polar angles (degrees) by the camera's map that saw fringes: what a fit says of the
+    /// zone's edges, held against the photographs themselves.
+    pub fn seen_share(&self, rig: &Rig, camera: &OpticalMap, zone_deg: [f64; 2]) -> f64 {
+        let width = rig.camera.width_px;
+        let on_paraboloid = on_paraboloid(rig);
+        let inside = |p: &usize| {
+            let (u, v) = ((p % width) as f64 + 0.5, (p / width) as f64 + 0.5);
+            let within = |d: Direction| (zone_deg[0]..=zone_deg[1]).contains(&d.theta().to_degrees());
+            on_paraboloid(u, v) && camera.direction(u, v).is_some_and(within)
+        };
+        let seen = |p: usize| [1, usize::from(self.decoded[p])];
+        let sum = |a: [usize; 2], b: [usize; 2]| [a[0] + b[0], a[1] + b[1]];
+        let [all, seen] = (0..self.decoded.len()).into_par_iter().filter(inside).map(seen).reduce(|| [0; 2], sum);
+        seen as f64 / all.max(1) as f64
     }
 }
 
@@ -91,14 +111,19 @@ fn paraboloid_px(rig: &Rig) -> (f64, f64) {
     (rho / (rig.centre_height_mm - mirrors.paraboloid_height(rho)) * lens.focal_px, BETWEEN * lens.focal_px)
 }
 
-/// Blocks of pixels that see the mirror, all their neighbours too: at the edges of shadows pixels see part of a point's light.
-fn in_mirror(rig: &Rig, fringes: &Fringes, images: &[ResponseImage]) -> Vec<Pair> {
-    let (width, height) = (rig.camera.width_px, rig.camera.height_px);
-    let lens = rig.camera.lens();
-    let (edge, between) = paraboloid_px(rig);
+/// Whether a camera point certainly sees the paraboloid.
+fn on_paraboloid(rig: &Rig) -> impl Fn(f64, f64) -> bool + Sync {
+    let (lens, (edge, between)) = (rig.camera.lens(), paraboloid_px(rig));
+    move |u, v| (u - lens.centre_u).hypot(v - lens.centre_v) < edge - between
+}
+
+/// Every pixel that sees fringes in the mirror.
+fn in_mirror(rig: &Rig, fringes: &Fringes, images: &[ResponseImage]) -> Vec<Option<Pair>> {
+    let width = rig.camera.width_px;
+    let on_paraboloid = on_paraboloid(rig);
     let decode = |p: usize| {
         let (u, v) = ((p % width) as f64 + 0.5, (p / width) as f64 + 0.5);
-        if (u - lens.centre_u).hypot(v - lens.centre_v) > edge - between {
+        if !on_paraboloid(u, v) {
             return None;
         }
         let rates: Vec<f64> = images.iter().map(|i| f64::from(i.rate[p])).collect();
@@ -106,8 +131,13 @@ fn in_mirror(rig: &Rig, fringes: &Fringes, images: &[ResponseImage]) -> Vec<Pair
         let [column, row] = fringes.decode(&rates, &variances, fringes.levels())?;
         Some(Pair { camera: [u, v], projector: [column.px, row.px] })
     };
-    let pixels: Vec<Option<Pair>> = (0..width * height).into_par_iter().map(decode).collect();
-    let inner = inner(&pixels, width);
+    (0..width * rig.camera.height_px).into_par_iter().map(decode).collect()
+}
+
+/// Blocks of pixels that see the mirror, all their neighbours too: at the edges of shadows pixels see part of a point's light.
+fn blocks(rig: &Rig, pixels: &[Option<Pair>]) -> Vec<Pair> {
+    let (width, height) = (rig.camera.width_px, rig.camera.height_px);
+    let inner = inner(pixels, width);
     let (columns, rows) = (width / BLOCK, height / BLOCK);
     let block = |b: usize| {
         let corner = b / columns * BLOCK * width + b % columns * BLOCK;

@@ -91,7 +91,7 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
             CalibrationSet::write_map(&found, &args.out, &rig)?;
             let text = format!(
                 "{} + {} pairs, residuals {:.3} and {:.3} px; directions to {:.3} deg (camera) and {:.3} deg (projector){}\n\
-                 usable zone {:.2} +- {:.2} to {:.2} +- {:.2} deg; map.json in {}",
+                 usable zone {:.2} +- {:.2} to {:.2} +- {:.2} deg, fringes seen in {:.1}% of it; map.json in {}",
                 found.pairs[0],
                 found.pairs[1],
                 found.residual_px[0],
@@ -103,6 +103,7 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
                 found.zone_error_deg[0],
                 found.zone_deg[1],
                 found.zone_error_deg[1],
+                100.0 * found.seen_share,
                 args.out.display()
             );
             Ok(Report { text, json: serde_json::json!({ "kind": "map", "map": found }) })
