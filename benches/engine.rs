@@ -23,7 +23,8 @@ fn main() {
     rig.camera.readout_s = 0.005;
     let config = TwinConfig::pinhole(1);
     let twin = || TwinBench::new(&rig, config.clone(), open("red-plastic").expect("built in"));
-    let calibration = CalibrationSet::make(&rig, &mut twin(), &mut |_, _| ()).expect("the twin can be calibrated");
+    let calibration =
+        CalibrationSet::make(&rig, &mut twin(), None, &mut |_, _| ()).expect("the twin can be calibrated");
     let plan = Plan::of_order(4);
     let floor_s = plan.rig_time(&Timing::of(&rig)).total_s();
     println!("order 4, {} frames, floor {floor_s:.1} s", plan.frames());

@@ -80,7 +80,7 @@ fn six_materials_get_what_they_need() {
     let crop = Crop::of_zone(&COARSE);
     let plan = plan();
     let grid = ExitantGrid::new(COARSE.zone(), plan.exitant.rings, plan.exitant.sectors);
-    let cells = CellMap::new(&COARSE, crop, grid).unwrap();
+    let cells = CellMap::new(&COARSE, &COARSE.camera_map(), crop, grid).unwrap();
     let weights = cells.noise_weights(&CALIBRATION.scale);
     for (name, brdf) in materials() {
         let dir = tempfile::tempdir().unwrap();

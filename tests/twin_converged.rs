@@ -5,10 +5,11 @@ mod common;
 use std::sync::Arc;
 
 use zonal::geometry::{Direction, Zone};
+use zonal::optics::{Device, Misaligned};
 use zonal::patterns::Lobes;
 use zonal::radiometry::{FlatField, Response};
 use zonal::reflectance::{Brdf, open};
-use zonal::twin::{Accuracy, InverseMap, PatternLight, PerturbedDevice, ResponseField, TwinConfig};
+use zonal::twin::{Accuracy, InverseMap, PatternLight, ResponseField, TwinConfig};
 
 /// RMS over patterns, directions and channels, of the RMS response to the constant pattern.
 const CONVERGED: f64 = 1e-3;
@@ -32,7 +33,7 @@ fn scene() -> Scene {
     let light = PatternLight::new([200, 100], [400, 400], patterns.len(), |pattern, column, row| {
         f32::from(patterns[pattern].codes[row * w + column]) / 255.0
     });
-    let projector = PerturbedDevice::projector(&rig, &config.perturbation);
+    let projector = Misaligned::new(&rig, &config.perturbation, Device::Projector);
     let theta_max = rig.dome.theta_max_deg.to_radians();
     let dome = Zone::new(rig.mirrors().shadow(rig.paraboloid_radius_mm()), theta_max).unwrap();
     Scene { light, inverse: InverseMap::new(&projector, theta_max), dome }

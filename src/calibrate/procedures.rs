@@ -5,13 +5,13 @@ use std::f64::consts::{PI, TAU};
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use super::CalibrateError;
+use super::{CalibrateError, Maps, RigMap};
 use crate::basis::size;
 use crate::capture::{
     Bench, Bracket, Control, Crop, Engine, Placement, Progress, ResponseImage, Run, capture_sequence,
 };
 use crate::geometry::{ExitantGrid, Zone};
-use crate::optics::Rig;
+use crate::optics::{Device, Misaligned, Misalignment, Rig};
 use crate::patterns::{Exitant, LobePair, Lobes, Pattern, Plan, Timing};
 use crate::radiometry::{FlatField, Response};
 use crate::reduce::{CellMap, ChannelScale, Coefficients, Reducer};
@@ -53,12 +53,13 @@ fn mean_rate(image: &ResponseImage) -> f64 {
 
 /// Measures the flat field: photographs of mid-gray on a diffuse white screen at the focal distance, black subtracted.
 ///
-/// Camera and projector share their centre of projection, so a camera pixel sees one direction of the projector. The
-/// natural fall-off of both (cos^4 each) is divided out: what a rig's sample receives is radiance, not irradiance.
+/// A camera pixel sees one point of the screen, and a projector pixel lights it: `map` says which, without one both devices
+/// share their centre of projection. The natural fall-off of both (cos^4 each) is divided out: what a rig's sample receives
+/// is radiance, not irradiance.
 ///
 /// # Errors
 /// [`CalibrateError`].
-pub fn flat_field(rig: &Rig, bench: &mut dyn Bench) -> Result<FlatField, CalibrateError> {
+pub fn flat_field(rig: &Rig, bench: &mut dyn Bench, map: Option<&RigMap>) -> Result<FlatField, CalibrateError> {
     bench.place(Placement::Screen)?;
     let (width, height) = (rig.projector.width_px, rig.projector.height_px);
     let full = |code| Pattern::full(width, height, code);
@@ -70,23 +71,27 @@ pub fn flat_field(rig: &Rig, bench: &mut dyn Bench) -> Result<FlatField, Calibra
         images.iter().skip(start).step_by(2).map(|i| f64::from(i.rate[p])).sum::<f64>() / FLAT_FIELD_SHOTS as f64
     };
     let channel_means = channel_means(rig, crop, |p| mean(0, p) - mean(1, p));
-    let (camera, projector) = (rig.camera.lens(), rig.projector.lens());
+    let off = map.map_or(Misalignment::none(), |m| m.misalignment);
+    let (camera, projector) =
+        (Misaligned::new(rig, &off, Device::Camera), Misaligned::new(rig, &off, Device::Projector));
+    let screen_mm = rig.centre_height_mm - rig.projector.focus_mm;
     let mut sums = vec![(0.0f64, 0.0f64); width * height];
     for p in 0..crop.len() {
         let (column, row) = crop.sensor_pixel(p);
-        let ray = camera.ray(column as f64 + 0.5, row as f64 + 0.5);
-        let (u, v) = projector.pixel(&ray);
+        let (x, y) = (column as f64 + 0.5, row as f64 + 0.5);
+        let (u, v) = projector.image(&camera.on_plane(x, y, screen_mm));
         let light = mean(0, p) - mean(1, p);
         let inside = u >= 0.0 && v >= 0.0 && u < width as f64 && v < height as f64;
         if inside && light.is_finite() {
             let channel = rig.camera.mosaic.channels(column, row)[0];
             let cell = &mut sums[v as usize * width + u as usize];
-            cell.0 += light / (channel_means[channel] * ray.z.powi(8));
+            let falloff = (camera.lens().ray(x, y).z * projector.lens().ray(u, v).z).powi(4);
+            cell.0 += light / (channel_means[channel] * falloff);
             cell.1 += 1.0;
         }
     }
     let mut values = smooth(&sums, width, height, FLAT_FIELD_SMOOTHING_PX);
-    let zone = rig.projector_map().bounding_box(&rig.zone(), width, height);
+    let zone = Maps::of(rig, map).projector.bounding_box(&rig.zone(), width, height);
     let [u0, v0, u1, v1] = zone.expect("a checked rig shows its zone");
     if (v0..v1).any(|v| values[v * width + u0..v * width + u1].iter().any(|x| !(*x > 0.0 && x.is_finite()))) {
         return Err(CalibrateError::DarkFlatField);
@@ -186,8 +191,10 @@ pub fn gray_card_plan(rig: &Rig) -> Plan {
     let plan = Plan::of_order(2);
     let Exitant { rings, sectors } = plan.exitant;
     let grids = [1, 2, 4, 8].map(|n| Exitant { rings: rings / n, sectors: sectors / n });
-    let fills =
-        |e: &Exitant| CellMap::new(rig, Crop::of_zone(rig), ExitantGrid::new(rig.zone(), e.rings, e.sectors)).is_ok();
+    let fills = |e: &Exitant| {
+        let grid = ExitantGrid::new(rig.zone(), e.rings, e.sectors);
+        CellMap::new(rig, &rig.camera_map(), Crop::of_zone(rig), grid).is_ok()
+    };
     // Where none does, the finest tells why.
     Plan { exitant: grids.into_iter().find(fills).unwrap_or(plan.exitant), ..plan }
 }
@@ -202,22 +209,27 @@ pub fn gray_card(
     plan: &Plan,
     response: &Response,
     flat: &FlatField,
+    map: Option<&RigMap>,
     progress: &mut Progress<'_>,
 ) -> Result<(ChannelScale, GrayCardCheck), CalibrateError> {
+    if let Some(map) = map {
+        map.check_zone(rig)?;
+    }
     bench.place(Placement::GrayCard)?;
     let (w, h) = (rig.projector.width_px, rig.projector.height_px);
-    let lobes = Lobes::new(&rig.projector_map(), rig.zone(), plan.order, w, h)?;
+    let maps = Maps::of(rig, map);
+    let lobes = Lobes::new(&maps.projector, rig.zone(), plan.order, w, h)?;
     let pairs: Vec<LobePair> = (0..size(plan.order)).map(|k| lobes.encode(k, response, flat)).collect();
     let patterns: Vec<Pattern> = pairs.iter().flat_map(|p| p.patterns.clone()).collect();
     let grid = ExitantGrid::new(rig.zone(), plan.exitant.rings, plan.exitant.sectors);
-    let cells = CellMap::new(rig, Crop::of_zone(rig), grid)?;
+    let crop = Crop::of_map(rig, &maps.camera);
+    let cells = CellMap::new(rig, &maps.camera, crop, grid)?;
     let gains = pairs.iter().map(|p| p.gain).collect();
     let mut reducer =
         Reducer::new(cells, plan.order, gains, ChannelScale::unit(), format!("gray card; rig {}", rig.name));
     let exposures_s = plan.exposures_s(&Timing::of(rig));
     let longest_s = exposures_s.iter().copied().fold(0.0, f64::max);
     let mut exposer = Bracket(exposures_s);
-    let crop = Crop::of_zone(rig);
     let run = Run {
         patterns: &patterns,
         repeats: plan.repeats,

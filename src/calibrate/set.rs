@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::{CalibrateError, GrayCardCheck, procedures};
+use super::{AxisAlignment, CalibrateError, GrayCardCheck, Maps, RigMap, procedures};
 use crate::capture::{Bench, Progress};
 use crate::optics::Rig;
 use crate::radiometry::{FlatField, Response};
@@ -25,6 +25,8 @@ pub struct CalibrationSet {
     pub scale: ChannelScale,
     /// What the gray card said of the rig.
     pub check: GrayCardCheck,
+    /// Where devices and mirrors stand; nominal without it.
+    pub map: Option<RigMap>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -47,24 +49,53 @@ struct GrayCardFile {
     check: GrayCardCheck,
 }
 
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MapFile {
+    format: u32,
+    rig: String,
+    map: RigMap,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct AlignFile {
+    format: u32,
+    rig: String,
+    alignment: AxisAlignment,
+}
+
+const ALIGN: &str = "align.json";
+const MAP: &str = "map.json";
 const RESPONSE: &str = "response.json";
 const FLAT_FIELD: &str = "flat-field.exr";
 const GRAY_CARD: &str = "gray-card.json";
 
 impl CalibrationSet {
-    /// Makes all three calibrations on a bench: response, flat field, gray card of order 2.
+    /// Makes the three calibrations that every measurement needs: response, flat field, gray card of order 2. `map` says
+    /// where devices and mirrors stand; nominal without it.
     ///
     /// # Errors
-    /// [`CalibrateError`].
-    pub fn make(rig: &Rig, bench: &mut dyn Bench, progress: &mut Progress<'_>) -> Result<Self, CalibrateError> {
+    /// [`CalibrateError`], among them [`CalibrateError::ZoneBeyondMap`].
+    pub fn make(
+        rig: &Rig,
+        bench: &mut dyn Bench,
+        map: Option<RigMap>,
+        progress: &mut Progress<'_>,
+    ) -> Result<Self, CalibrateError> {
         let response = procedures::response(rig, bench)?;
-        let flat = procedures::flat_field(rig, bench)?;
-        let (scale, check) =
-            procedures::gray_card(rig, bench, &procedures::gray_card_plan(rig), &response, &flat, progress)?;
-        Ok(Self { response, flat, scale, check })
+        let flat = procedures::flat_field(rig, bench, map.as_ref())?;
+        let plan = procedures::gray_card_plan(rig);
+        let (scale, check) = procedures::gray_card(rig, bench, &plan, &response, &flat, map.as_ref(), progress)?;
+        Ok(Self { response, flat, scale, check, map })
     }
 
-    /// Reads the three files of a calibration folder.
+    /// The maps of both devices: calibrated where there is a map, nominal elsewhere.
+    pub fn maps(&self, rig: &Rig) -> Maps {
+        Maps::of(rig, self.map.as_ref())
+    }
+
+    /// Reads the three files of a calibration folder, and its map if there is one.
     ///
     /// # Errors
     /// [`CalibrateError::Store`] for a missing or damaged file, [`CalibrateError::OtherRig`] for a foreign one.
@@ -82,10 +113,11 @@ impl CalibrationSet {
         }
         let response = Self::read_response(folder, rig)?;
         let flat = Self::read_flat_field(folder, rig)?;
-        Ok(Self { response, flat, scale: gray.scale, check: gray.check })
+        let map = Self::read_map(folder, rig)?;
+        Ok(Self { response, flat, scale: gray.scale, check: gray.check, map })
     }
 
-    /// Writes the three files, creating the folder.
+    /// Writes the three files, and the map if there is one, creating the folder.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -93,7 +125,56 @@ impl CalibrationSet {
         store::create_dir(folder)?;
         Self::write_response(&self.response, folder, rig)?;
         Self::write_flat_field(&self.flat, folder, rig)?;
+        if let Some(map) = &self.map {
+            Self::write_map(map, folder, rig)?;
+        }
         Self::write_gray_card(&self.scale, &self.check, folder, rig)
+    }
+
+    /// Reads `align.json`; `None` if there is none.
+    ///
+    /// # Errors
+    /// As [`CalibrationSet::read`].
+    pub fn read_align(folder: &Path, rig: &Rig) -> Result<Option<AxisAlignment>, CalibrateError> {
+        let path = folder.join(ALIGN);
+        if !path.exists() {
+            return Ok(None);
+        }
+        let file: AlignFile = store::read_versioned(&path, FORMAT)?;
+        belongs(&path, &file.rig, rig)?;
+        Ok(Some(file.alignment))
+    }
+
+    /// Writes `align.json`.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn write_align(alignment: &AxisAlignment, folder: &Path, rig: &Rig) -> Result<(), StoreError> {
+        let file = AlignFile { format: FORMAT, rig: rig.name.clone(), alignment: alignment.clone() };
+        store::write_json(&folder.join(ALIGN), &file)
+    }
+
+    /// Reads `map.json`; `None` if there is none.
+    ///
+    /// # Errors
+    /// As [`CalibrationSet::read`].
+    pub fn read_map(folder: &Path, rig: &Rig) -> Result<Option<RigMap>, CalibrateError> {
+        let path = folder.join(MAP);
+        if !path.exists() {
+            return Ok(None);
+        }
+        let file: MapFile = store::read_versioned(&path, FORMAT)?;
+        belongs(&path, &file.rig, rig)?;
+        Ok(Some(file.map))
+    }
+
+    /// Writes `map.json`.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn write_map(map: &RigMap, folder: &Path, rig: &Rig) -> Result<(), StoreError> {
+        let file = MapFile { format: FORMAT, rig: rig.name.clone(), map: map.clone() };
+        store::write_json(&folder.join(MAP), &file)
     }
 
     /// Reads `response.json`.

@@ -206,6 +206,12 @@ pub enum Placement {
     BlackTrap,
     /// A diffuse white screen at the focal distance, in front of the mirrors.
     Screen,
+    /// A white screen with a printed cross in the sample's place, the paraboloid removed.
+    PrintedCross,
+    /// The same with a wire cross in the dome's opening.
+    Crosses,
+    /// A front-surface mirror in the sample's place, a diffuse white border around it.
+    Mirror,
 }
 
 impl fmt::Display for Placement {
@@ -215,6 +221,9 @@ impl fmt::Display for Placement {
             Placement::GrayCard => "the gray card",
             Placement::BlackTrap => "the black trap in the sample's place",
             Placement::Screen => "the white screen at the focal distance",
+            Placement::PrintedCross => "the screen with the printed cross, without paraboloid and wire cross",
+            Placement::Crosses => "the wire cross above the screen with the printed cross, without paraboloid",
+            Placement::Mirror => "the mirror with its white border",
         })
     }
 }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::Taken;
-use crate::optics::Rig;
+use crate::optics::{OpticalMap, Rig};
 use crate::radiometry::{ExposedRows, PixelMaps, Rows, Sensor};
 use crate::store::{Layers, Plane, StoreError};
 
@@ -21,11 +21,19 @@ pub struct Crop {
 }
 
 impl Crop {
-    /// The part of a rig's sensor that sees its zone.
+    /// The part of a nominal rig's sensor that sees its zone.
     pub fn of_zone(rig: &Rig) -> Self {
+        Self::of_map(rig, &rig.camera_map())
+    }
+
+    /// The part of a rig's sensor that sees its zone by the camera's map, nominal or calibrated.
+    ///
+    /// # Panics
+    /// If the map does not reach the zone; that of a checked rig does.
+    pub fn of_map(rig: &Rig, map: &OpticalMap) -> Self {
         let c = &rig.camera;
         let [u0, v0, u1, v1] =
-            rig.camera_map().bounding_box(&rig.zone(), c.width_px, c.height_px).expect("a checked rig shows its zone");
+            map.bounding_box(&rig.zone(), c.width_px, c.height_px).expect("a checked rig shows its zone");
         Self { u0, v0, width: u1 - u0, height: v1 - v0 }
     }
 

@@ -6,7 +6,7 @@ use std::time::Instant;
 use super::run::reducer;
 use super::{MeasureError, RunRecord};
 use crate::basis::size;
-use crate::calibrate::CalibrationSet;
+use crate::calibrate::{CalibrationSet, Maps};
 use crate::capture::{Crop, ResponseImage, RunFolder};
 use crate::optics::Rig;
 use crate::patterns::Plan;
@@ -29,8 +29,11 @@ pub fn reduce_run(run: &Path, calibration: Option<&Path>) -> Result<(Coefficient
         let reason = format!("`gains` are not {} divisors, as the plan asks for: measure again", size(plan.order));
         return Err(StoreError::invalid(&folder.file("run.json"), reason).into());
     }
-    let mut reducer = reducer(&rig, &plan, &record.gains, &set.scale, &record.provenance)?;
-    let crop = Crop::of_zone(&rig);
+    // The run's own map: it is how the frames were made and cut.
+    let map = CalibrationSet::read_map(&own, &rig)?;
+    let camera = Maps::of(&rig, map.as_ref()).camera;
+    let mut reducer = reducer(&rig, &plan, &camera, &record.gains, &set.scale, &record.provenance)?;
+    let crop = Crop::of_map(&rig, &camera);
     // Runs of the first format hold the mean of all repeats.
     let repeats = if record.format < 2 { 1 } else { plan.repeats };
     for lobe in plan.lobes() {

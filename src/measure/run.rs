@@ -12,7 +12,7 @@ use crate::capture::{
     RunFolder, RunSummary, sensor,
 };
 use crate::geometry::ExitantGrid;
-use crate::optics::Rig;
+use crate::optics::{OpticalMap, Rig};
 use crate::patterns::{LobePair, Lobes, Pattern, Plan, Timing};
 use crate::reduce::{CellMap, ChannelScale, Coefficients, ReduceError, Reducer};
 use crate::store;
@@ -54,10 +54,14 @@ pub fn measure(
     progress: &mut Progress<'_>,
 ) -> Result<Measurement, MeasureError> {
     let Request { rig, plan, calibration, .. } = request;
+    if let Some(map) = &calibration.map {
+        map.check_zone(rig)?;
+    }
     let pairs = lobe_pairs(rig, plan, calibration)?;
     let record = new_record(request, &pairs);
     // Found out before a folder is made.
-    reducer(rig, plan, &record.gains, &calibration.scale, &record.provenance)?;
+    let camera = calibration.maps(rig).camera;
+    reducer(rig, plan, &camera, &record.gains, &calibration.scale, &record.provenance)?;
     if let Some(folder) = folder {
         folder.begin(|path| {
             store::write(&path.join("rig.toml"), rig.to_toml().as_bytes())?;
@@ -164,7 +168,7 @@ fn perform(
 /// [`OrderError`].
 pub fn lobe_pairs(rig: &Rig, plan: &Plan, calibration: &CalibrationSet) -> Result<Vec<LobePair>, OrderError> {
     let p = &rig.projector;
-    let lobes = Lobes::new(&rig.projector_map(), rig.zone(), plan.order, p.width_px, p.height_px)?;
+    let lobes = Lobes::new(&calibration.maps(rig).projector, rig.zone(), plan.order, p.width_px, p.height_px)?;
     Ok((0..size(plan.order)).map(|k| lobes.encode(k, &calibration.response, &calibration.flat)).collect())
 }
 
@@ -184,17 +188,18 @@ fn capture(
 ) -> Result<Captured, MeasureError> {
     let Request { rig, plan, calibration, provenance, control } = *request;
     let gains: Vec<f64> = pairs.iter().map(|p| p.gain).collect();
-    let mut reducer = reducer(rig, plan, &gains, &calibration.scale, provenance)?;
+    let camera = calibration.maps(rig).camera;
+    let mut reducer = reducer(rig, plan, &camera, &gains, &calibration.scale, provenance)?;
     let patterns: Vec<Pattern> = pairs.iter().flat_map(|p| p.patterns.clone()).collect();
     let timing = Timing::of(rig);
     let exposures_s = plan.exposures_s(&timing);
     let longest_s = exposures_s.iter().copied().fold(0.0, f64::max);
-    let crop = Crop::of_zone(rig);
+    let crop = Crop::of_map(rig, &camera);
     let mut automatic;
     let mut bracket;
     let exposer: &mut dyn Exposer = match &plan.automatic {
         Some(target) => {
-            let cells = CellMap::new(rig, crop, exitant_grid(rig, plan))?;
+            let cells = CellMap::new(rig, &camera, crop, exitant_grid(rig, plan))?;
             automatic =
                 AutomaticExposer::new(target, &timing, sensor(rig), cells, calibration.scale.clone(), gains.clone());
             &mut automatic
@@ -227,11 +232,12 @@ fn exitant_grid(rig: &Rig, plan: &Plan) -> ExitantGrid {
 pub(super) fn reducer(
     rig: &Rig,
     plan: &Plan,
+    camera: &OpticalMap,
     gains: &[f64],
     scale: &ChannelScale,
     provenance: &Provenance,
 ) -> Result<Reducer, ReduceError> {
-    let cells = CellMap::new(rig, Crop::of_zone(rig), exitant_grid(rig, plan))?;
+    let cells = CellMap::new(rig, camera, Crop::of_map(rig, camera), exitant_grid(rig, plan))?;
     Ok(Reducer::new(cells, plan.order, gains.to_vec(), scale.clone(), provenance.history(rig, plan)))
 }
 

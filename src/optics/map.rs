@@ -1,8 +1,11 @@
 //! Pixels to directions and back.
 
+use std::f64::consts::TAU;
+use std::sync::Arc;
+
 use nalgebra::Vector3;
 
-use super::{Arm, Mirrors};
+use super::{Arm, MapCorrection, Mirrors};
 use crate::geometry::{Direction, Sample, Zone};
 
 /// An ideal lens at the centre of projection, looking down the optical axis.
@@ -35,22 +38,29 @@ impl Lens {
     }
 }
 
-/// The nominal map between the pixels of one device and directions at the sample.
+/// The map between the pixels of one device and directions at the sample: nominal, or with what a calibration found.
 #[derive(Debug, Clone)]
 pub struct OpticalMap {
     mirrors: Mirrors,
     lens: Lens,
     theta_max: f64,
+    correction: Option<Arc<MapCorrection>>,
 }
 
 impl OpticalMap {
-    /// The map of a lens through mirrors whose dome is made up to `theta_max` (radians).
+    /// The nominal map of a lens through mirrors whose dome is made up to `theta_max` (radians).
     pub fn new(mirrors: Mirrors, lens: Lens, theta_max: f64) -> Self {
-        Self { mirrors, lens, theta_max }
+        Self { mirrors, lens, theta_max, correction: None }
+    }
+
+    /// The same map with a calibration's correction in place of any it had.
+    pub fn corrected(self, correction: MapCorrection) -> Self {
+        Self { correction: Some(Arc::new(correction)), ..self }
     }
 
     /// The direction at the sample that belongs to the point (u, v) of the image; `None` where its ray misses a mirror.
     pub fn direction(&self, u: f64, v: f64) -> Option<Direction<Sample>> {
+        let (u, v) = self.correction.as_ref().map_or((u, v), |c| c.to_nominal(u, v));
         let path = self.mirrors.trace(&self.lens.ray(u, v))?;
         if path.paraboloid.x.hypot(path.paraboloid.y) > self.mirrors.edge_radius() * (1.0 + 1e-12) {
             return None;
@@ -62,21 +72,42 @@ impl OpticalMap {
     /// The point of the image that a direction at the sample comes from; `None` beyond the dome. Inverse of
     /// [`OpticalMap::direction`] to 1e-9 px.
     pub fn pixel(&self, d: &Direction<Sample>) -> Option<(f64, f64)> {
-        let theta = d.theta();
-        if theta > self.theta_max {
+        if d.theta() > self.theta_max {
             return None;
         }
+        let (u, v) = self.nominal_pixel(d, self.mirrors.edge_radius());
+        Some(self.correction.as_ref().map_or((u, v), |c| c.from_nominal(u, v)))
+    }
+
+    /// The nominal image point of a direction, as if the dome went on beyond its end; `None` farther out than mirrors of
+    /// this shape can reach.
+    pub fn pixel_beyond(&self, d: &Direction<Sample>) -> Option<(f64, f64)> {
+        let farthest = self.mirrors.edge_radius() * BEYOND_EDGE;
+        (d.theta() < self.angle(farthest)).then(|| self.nominal_pixel(d, farthest))
+    }
+
+    /// Polar angle that the paraboloid's point at radius `rho` shows, radians.
+    fn angle(&self, rho: f64) -> f64 {
+        self.mirrors.profile(rho).map_or(f64::INFINITY, |p| p.x.atan2(p.z))
+    }
+
+    fn nominal_pixel(&self, d: &Direction<Sample>, farthest: f64) -> (f64, f64) {
+        let theta = d.theta();
         // theta grows with the radius on the paraboloid: bisect, the dome has no closed inverse.
-        let angle = |rho: f64| self.mirrors.profile(rho).map_or(f64::INFINITY, |p| p.x.atan2(p.z));
-        let (mut lo, mut hi) = (0.0, self.mirrors.edge_radius());
+        let (mut lo, mut hi) = (0.0, farthest);
         for _ in 0..60 {
             let mid = 0.5 * (lo + hi);
-            if angle(mid) < theta { lo = mid } else { hi = mid }
+            if self.angle(mid) < theta { lo = mid } else { hi = mid }
         }
         let rho = 0.5 * (lo + hi);
         let slope = rho / (self.mirrors.centre().z - self.mirrors.paraboloid_height(rho));
         let (sin_phi, cos_phi) = d.phi().sin_cos();
-        Some(self.lens.pixel(&Vector3::new(slope * cos_phi, slope * sin_phi, -1.0)))
+        self.lens.pixel(&Vector3::new(slope * cos_phi, slope * sin_phi, -1.0))
+    }
+
+    /// Radius in pixels of the nominal image of the dome.
+    pub(super) fn reach_px(&self) -> f64 {
+        self.radius_px(self.theta_max).expect("the dome reaches its own end")
     }
 
     /// Solid angle at the sample of the unit square centred on (u, v), steradians; 0 where a ray misses.
@@ -88,21 +119,39 @@ impl OpticalMap {
         }
     }
 
-    /// Radius in pixels, from the optical axis, of the circle that shows the polar angle `theta` (radians).
+    /// Radius in pixels, from the optical axis, of the circle that shows the polar angle `theta` (radians) in the nominal
+    /// image.
     pub fn radius_px(&self, theta: f64) -> Option<f64> {
-        let (u, v) = self.pixel(&Direction::from_angles(theta, 0.0))?;
-        Some((u - self.lens.centre_u).hypot(v - self.lens.centre_v))
+        (theta <= self.theta_max).then(|| {
+            let (u, v) = self.nominal_pixel(&Direction::from_angles(theta, 0.0), self.mirrors.edge_radius());
+            (u - self.lens.centre_u).hypot(v - self.lens.centre_v)
+        })
     }
 
     /// Half-open bounding box (u0, v0, u1, v1) in whole pixels of a zone's image, one pixel of margin, clipped to the panel.
     pub fn bounding_box(&self, zone: &Zone, width: usize, height: usize) -> Option<[usize; 4]> {
-        let r = self.radius_px(zone.theta_max().min(self.theta_max))? + 1.0;
-        let lo = |c: f64| (c - r).floor().max(0.0) as usize;
-        let hi = |c: f64, n: usize| ((c + r).ceil().max(0.0) as usize).min(n);
+        let theta_max = zone.theta_max().min(self.theta_max);
         let (c_u, c_v) = (self.lens.centre_u, self.lens.centre_v);
-        Some([lo(c_u), lo(c_v), hi(c_u, width), hi(c_v, height)])
+        let r = self.radius_px(theta_max)?;
+        let mut ends = [c_u - r, c_v - r, c_u + r, c_v + r];
+        if self.correction.is_some() {
+            ends = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
+            // Between neighbours a circle of 1,000 px bulges by less than a tenth.
+            const AZIMUTHS: u32 = 256;
+            for i in 0..AZIMUTHS {
+                let phi = f64::from(i) * TAU / f64::from(AZIMUTHS);
+                let (u, v) = self.pixel(&Direction::from_angles(theta_max, phi))?;
+                ends = [ends[0].min(u), ends[1].min(v), ends[2].max(u), ends[3].max(v)];
+            }
+        }
+        let lo = |x: f64| (x - 1.0).floor().max(0.0) as usize;
+        let hi = |x: f64, n: usize| ((x + 1.0).ceil().max(0.0) as usize).min(n);
+        Some([lo(ends[0]), lo(ends[1]), hi(ends[2], width), hi(ends[3], height)])
     }
 }
+
+/// How far beyond the paraboloid's edge, in radii, directions are still followed.
+const BEYOND_EDGE: f64 = 1.1;
 
 #[cfg(test)]
 mod tests {

@@ -1,9 +1,13 @@
-//! Mirrors, lenses and the map from pixels to directions. Pure.
+//! Mirrors, lenses, the map from pixels to directions, and what misalignment does to it. Pure.
 
+mod correction;
 mod map;
 mod mirrors;
+mod misalignment;
 mod rig;
 
+pub use correction::MapCorrection;
 pub use map::{Lens, OpticalMap};
 pub use mirrors::{Mirrors, Path};
-pub use rig::{Arm, Camera, Dome, Mosaic, Paraboloid, Projector, Rig, RigError, ZoneLimits};
+pub use misalignment::{Device, Edges, Misaligned, Misalignment};
+pub use rig::{Alignment, Arm, Camera, Dome, Mosaic, Paraboloid, Projector, Rig, RigError, ZoneLimits};

@@ -108,6 +108,9 @@ pub struct Rig {
     pub camera: Camera,
     /// The projector.
     pub projector: Projector,
+    /// Targets of `calibrate align` and `calibrate map`.
+    #[serde(default, skip_serializing_if = "Alignment::is_default")]
+    pub alignment: Alignment,
 }
 
 /// Limits of the measured zone.
@@ -118,6 +121,42 @@ pub struct ZoneLimits {
     pub theta_min_deg: f64,
     /// Largest polar angle.
     pub theta_max_deg: f64,
+}
+
+/// What alignment looks at: a wire cross in the dome's opening, its wires at 45 deg to x and y, and a printed cross along x
+/// and y on a white screen in the sample's plane.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Alignment {
+    /// Height of the wire cross above the sample's plane.
+    pub wire_height_mm: f64,
+    /// Thickness of its wires.
+    pub wire_width_mm: f64,
+    /// Height of the screen above the sample's plane.
+    pub screen_height_mm: f64,
+    /// Width of the lines printed on the screen.
+    pub line_width_mm: f64,
+    /// Radius of the dome's opening, at the height of the wire cross.
+    pub opening_radius_mm: f64,
+}
+
+impl Default for Alignment {
+    /// A dome 220 mm high whose opening lets the whole zone's light pass: 11.7 mm and 0.365 of the projector's pupil.
+    fn default() -> Self {
+        Self {
+            wire_height_mm: 220.0,
+            wire_width_mm: 2.0,
+            screen_height_mm: 0.0,
+            line_width_mm: 1.0,
+            opening_radius_mm: 16.3,
+        }
+    }
+}
+
+impl Alignment {
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
 }
 
 /// The convex paraboloid above the sample.
@@ -329,6 +368,9 @@ impl Rig {
             ("projector.f_number", p.f_number),
             ("projector.pitch_um", p.pitch_um),
             ("projector.refresh_hz", p.refresh_hz),
+            ("alignment.wire_width_mm", self.alignment.wire_width_mm),
+            ("alignment.line_width_mm", self.alignment.line_width_mm),
+            ("alignment.opening_radius_mm", self.alignment.opening_radius_mm),
         ];
         for (key, value) in positive {
             if !PLAUSIBLE.contains(&value) {
@@ -361,6 +403,9 @@ impl Rig {
         }
         within("camera.focus_mm", c.focus_mm, c.focal_length_mm * 1.001, 1e9, "farther than the focal length")?;
         within("projector.focus_mm", p.focus_mm, p.focal_length_mm * 1.001, 1e9, "farther than the focal length")?;
+        let a = &self.alignment;
+        within("alignment.screen_height_mm", a.screen_height_mm, -1e3, a.wire_height_mm - 1.0, "1 mm below the wires")?;
+        within("alignment.wire_height_mm", a.wire_height_mm, -1e3, self.centre_height_mm - 1.0, "below the lenses")?;
         within("dome.theta_max_deg", self.dome.theta_max_deg, 1.0, 90.0, "1..=90 degrees")?;
         within("zone.theta_max_deg", self.zone.theta_max_deg, -1e9, 90.0, "at most 90 degrees")?;
         let zone = Zone::from_degrees(self.zone.theta_min_deg, self.zone.theta_max_deg)?;
@@ -408,6 +453,11 @@ impl Camera {
         lens(self.arm, self.focal_length_mm, self.focus_mm, self.pitch_um, self.width_px, self.height_px)
     }
 
+    /// Radius of the pupil, mm.
+    pub fn pupil_mm(&self) -> f64 {
+        self.focal_length_mm / self.f_number / 2.0
+    }
+
     /// Largest value a sample can have.
     pub fn white_dn(&self) -> u16 {
         ((1u32 << self.bits) - 1) as u16
@@ -418,6 +468,11 @@ impl Projector {
     /// The nominal lens, its axis through the middle of the panel.
     pub fn lens(&self) -> Lens {
         lens(self.arm, self.focal_length_mm, self.focus_mm, self.pitch_um, self.width_px, self.height_px)
+    }
+
+    /// Radius of the pupil, mm.
+    pub fn pupil_mm(&self) -> f64 {
+        self.focal_length_mm / self.f_number / 2.0
     }
 }
 

@@ -1,9 +1,11 @@
-//! What the projector shows: lobes of the zonal basis as frames, and the acquisition plan as data.
+//! What the projector shows: lobes of the zonal basis and fringes as frames, and the acquisition plan as data.
 
+mod fringes;
 mod lobes;
 mod plan;
 mod tag;
 
+pub use fringes::{Coordinate, Fringes};
 pub use lobes::{Lobe, LobePair, Lobes, Pattern, Sign};
 pub use plan::{AutomaticBracket, Exitant, ExposureBracket, Plan, PlanError, RigTime, Timing};
 pub use tag::{Rect, TagBit, TagLayout};

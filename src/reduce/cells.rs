@@ -57,14 +57,12 @@ const WORST_LOPSIDEDNESS: f64 = 3.0;
 const CHANNELS: [&str; 3] = ["red", "green", "blue"];
 
 impl CellMap {
-    /// The map of a rig's nominal camera.
+    /// The cells as a rig's camera sees them by `map`, nominal or calibrated.
     ///
     /// # Errors
     /// [`ReduceError::EmptyCell`] if the grid is too fine for the camera.
-    pub fn new(rig: &Rig, crop: Crop, grid: ExitantGrid) -> Result<Self, ReduceError> {
-        let map = rig.camera_map();
-        let pixels: Vec<Option<Pixel>> =
-            (0..crop.len()).into_par_iter().map(|p| pixel(&map, &grid, &crop, p)).collect();
+    pub fn new(rig: &Rig, map: &OpticalMap, crop: Crop, grid: ExitantGrid) -> Result<Self, ReduceError> {
+        let pixels: Vec<Option<Pixel>> = (0..crop.len()).into_par_iter().map(|p| pixel(map, &grid, &crop, p)).collect();
         let mut buckets: Vec<Vec<Pixel>> = vec![Vec::new(); 3 * grid.len()];
         for pixel in pixels.into_iter().flatten() {
             let (column, row) = crop.sensor_pixel(pixel.index as usize);
@@ -249,7 +247,7 @@ mod tests {
         let rig = rig();
         let grid = ExitantGrid::new(rig.zone(), 32, 64);
         let crop = Crop::of_zone(&rig);
-        let cells = CellMap::new(&rig, crop, grid).unwrap();
+        let cells = CellMap::new(&rig, &rig.camera_map(), crop, grid).unwrap();
         let map = rig.camera_map();
         let f = |theta: f64, phi: f64| 1.0 + (6.0 * theta).sin() * (4.0 * phi).cos();
         let rate = (0..crop.len())
@@ -277,7 +275,7 @@ mod tests {
         let crop = Crop::of_zone(&rig);
         let image = ResponseImage { crop, rate: vec![5.0; crop.len()], variance: vec![1.0; crop.len()] };
         for rings in (33..=60).step_by(3).chain([50]) {
-            match CellMap::new(&rig, crop, ExitantGrid::new(rig.zone(), rings, 64)) {
+            match CellMap::new(&rig, &rig.camera_map(), crop, ExitantGrid::new(rig.zone(), rings, 64)) {
                 Ok(cells) => assert!(cells.apply(&image).rate.iter().all(|r| (r - 5.0).abs() < 1e-6), "{rings} rings"),
                 Err(e) => assert!(matches!(e, ReduceError::EmptyCell { .. })),
             }
@@ -288,7 +286,10 @@ mod tests {
     fn grids_finer_than_the_camera_are_refused() {
         let rig = rig();
         let grid = ExitantGrid::new(rig.zone(), 400, 900);
-        assert!(matches!(CellMap::new(&rig, Crop::of_zone(&rig), grid), Err(ReduceError::EmptyCell { .. })));
+        assert!(matches!(
+            CellMap::new(&rig, &rig.camera_map(), Crop::of_zone(&rig), grid),
+            Err(ReduceError::EmptyCell { .. })
+        ));
     }
 
     #[test]
@@ -296,7 +297,7 @@ mod tests {
         let rig = rig();
         let grid = ExitantGrid::new(rig.zone(), 16, 32);
         let crop = Crop::of_zone(&rig);
-        let cells = CellMap::new(&rig, crop, grid).unwrap();
+        let cells = CellMap::new(&rig, &rig.camera_map(), crop, grid).unwrap();
         let mut image = ResponseImage { crop, rate: vec![5.0; crop.len()], variance: vec![1.0; crop.len()] };
         image.rate.iter_mut().step_by(7).for_each(|r| *r = f32::NAN);
         assert!(cells.apply(&image).rate.iter().all(|r| (r - 5.0).abs() < 1e-9));

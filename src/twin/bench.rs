@@ -12,11 +12,12 @@ use super::clock::{RealClock, VirtualClock};
 use super::devices::{Devices, Truth, TwinCameraFactory, TwinProjectorFactory, World};
 use super::forward::{Accuracy, PatternLight, ResponseField};
 use super::geometry::InverseMap;
-use super::{Faults, PerturbedDevice, TwinConfig};
+use super::targets::{Target, View};
+use super::{Faults, TwinConfig};
 use crate::calibrate::GRAY_CARD_ALBEDO;
 use crate::capture::{Bench, CameraFactory, CaptureError, Clock, Placement, ProjectorFactory, Triggering};
 use crate::geometry::{Direction, Sample, Zone};
-use crate::optics::{Lens, Rig};
+use crate::optics::{Device, Misaligned, Rig};
 use crate::patterns::{Pattern, Rect, TagLayout};
 use crate::reflectance::{Brdf, Lambert};
 
@@ -30,12 +31,14 @@ pub(super) struct Scene {
     accuracy: Accuracy,
     sample: Arc<dyn Brdf>,
     placement: Placement,
-    projector: PerturbedDevice,
+    camera: Misaligned,
+    projector: Misaligned,
     inverse: InverseMap,
     /// Directions of the samples of each pixel that sees the dome: (sensor index, directions).
     pixels: Vec<(usize, Vec<Direction<Sample>>)>,
-    camera_lens: crate::optics::Lens,
     dome: Zone,
+    /// What is in place instead of a sample, once it has been looked at.
+    target: Option<Target>,
     sequence: Vec<Pattern>,
     /// Electrons per second from the sample, of each pixel in `pixels` for each pattern: `[pixel][pattern]`.
     reflected: Option<Vec<f32>>,
@@ -49,20 +52,20 @@ pub(super) struct Scene {
 
 impl Scene {
     fn new(rig: &Rig, config: TwinConfig, sample: Arc<dyn Brdf>, accuracy: Accuracy) -> Self {
-        let camera = PerturbedDevice::camera(rig, &config.perturbation);
-        let projector = PerturbedDevice::projector(rig, &config.perturbation);
+        let camera = Misaligned::new(rig, &config.perturbation, Device::Camera);
+        let projector = Misaligned::new(rig, &config.perturbation, Device::Projector);
         let theta_max = rig.dome.theta_max_deg.to_radians();
         let shadow = rig.mirrors().shadow(rig.paraboloid_radius_mm());
         let dome = Zone::new(shadow, theta_max).expect("a checked rig reaches beyond its shadow");
         let inverse = InverseMap::new(&projector, theta_max);
         let width = rig.camera.width_px;
-        let lens = *camera.lens();
+        let (centre_u, centre_v) = camera.image_centre();
         let edge_px = rig.camera_map().radius_px(theta_max).unwrap_or(f64::INFINITY) + 3.0;
         let pixels = (0..width * rig.camera.height_px)
             .into_par_iter()
             .filter_map(|i| {
                 let (u, v) = ((i % width) as f64, (i / width) as f64);
-                if (u - lens.centre_u).hypot(v - lens.centre_v) > edge_px {
+                if (u - centre_u).hypot(v - centre_v) > edge_px {
                     return None;
                 }
                 let at = |j: usize| (j as f64 + 0.5) / PIXEL_SAMPLES as f64;
@@ -73,18 +76,19 @@ impl Scene {
                 (!directions.is_empty()).then_some((i, directions))
             })
             .collect();
-        let border = border(rig, projector.lens(), &lens);
+        let border = border(rig, &projector, &camera);
         Self {
             rig: rig.clone(),
             config,
             accuracy,
             sample,
             placement: Placement::Sample,
+            camera,
             projector,
             inverse,
             pixels,
-            camera_lens: lens,
             dome,
+            target: None,
             sequence: Vec::new(),
             reflected: None,
             border,
@@ -131,7 +135,7 @@ impl Scene {
     /// Puts something else in place.
     fn place(&mut self, what: Placement) {
         self.placement = what;
-        (self.reflected, self.rates) = (None, None);
+        (self.target, self.reflected, self.rates) = (None, None, None);
     }
 
     /// Electrons per second in a green pixel for a unit of reflected radiance under white light.
@@ -167,11 +171,11 @@ impl Scene {
     fn pattern_light(&self) -> PatternLight {
         let p = &self.rig.projector;
         let edge = self.rig.projector_map().radius_px(self.dome.theta_max()).unwrap_or(f64::INFINITY) + 4.0;
-        let lens = self.projector.lens();
+        let (centre_u, centre_v) = self.projector.image_centre();
         let lo = |c: f64| (c - edge).floor().max(0.0) as usize;
         let hi = |c: f64, n: usize| ((c + edge).ceil() as usize).min(n);
-        let (u0, v0) = (lo(lens.centre_u), lo(lens.centre_v));
-        let (width, height) = (hi(lens.centre_u, p.width_px) - u0, hi(lens.centre_v, p.height_px) - v0);
+        let (u0, v0) = (lo(centre_u), lo(centre_v));
+        let (width, height) = (hi(centre_u, p.width_px) - u0, hi(centre_v, p.height_px) - v0);
         let means: Vec<f64> = self.sequence.iter().map(|s| self.mean_light(s)).collect();
         let (lights, vignetting) = (self.code_lights(), self.vignetting());
         PatternLight::new([u0, v0], [width, height], self.sequence.len(), |pattern, column, row| {
@@ -186,9 +190,16 @@ impl Scene {
         let (width, height) = self.sensor_size();
         let mut rates = vec![self.config.ambient_e_s as f32; width * height];
         let Some(shown) = shown else { return rates };
-        if self.placement == Placement::Screen {
-            self.add_screen(shown, &mut rates);
-            return rates;
+        match self.placement {
+            Placement::Screen => {
+                self.add_screen(shown, &mut rates);
+                return rates;
+            }
+            Placement::PrintedCross | Placement::Crosses | Placement::Mirror => {
+                self.add_target(shown, &mut rates);
+                return rates;
+            }
+            Placement::Sample | Placement::GrayCard | Placement::BlackTrap => {}
         }
         self.add_border(shown, &mut rates);
         if self.reflected.is_none() {
@@ -209,11 +220,9 @@ impl Scene {
         let white = (self.lamp_e_s() * self.config.border_radiance) as f32;
         let (lights, vignetting) = (self.code_lights().map(|l| l as f32), self.vignetting());
         let width = self.rig.camera.width_px;
-        let gains = self.config.channel_gains.map(|g| g as f32);
         for &(i, pixel, reach) in &self.border {
             let (column, row) = (i as usize % width, i as usize / width);
-            let channels = self.rig.camera.mosaic.channels(column, row);
-            let gain = channels.iter().map(|&c| gains[c]).sum::<f32>() / channels.len() as f32;
+            let gain = self.channel_gain(column, row) as f32;
             let light = lights[usize::from(pattern.codes[pixel as usize])] * vignetting[pixel as usize] as f32;
             rates[i as usize] += white * gain * light * reach;
         }
@@ -234,7 +243,7 @@ impl Scene {
         reflected.par_chunks_mut(patterns).zip(&self.pixels).for_each(|(row, (i, directions))| {
             let (column, line) = (i % width, i / width);
             let channels = self.rig.camera.mosaic.channels(column, line);
-            let falloff = self.natural_falloff(&self.camera_lens, column, line);
+            let falloff = self.natural_falloff(self.camera.lens(), column, line);
             for wo in directions {
                 for &c in channels {
                     let gain = self.config.channel_gains[c] / channels.len() as f64;
@@ -245,28 +254,55 @@ impl Scene {
         reflected
     }
 
-    /// The white screen: both devices share one centre of projection, so a pixel sees one direction of the projector.
+    /// What replaces the sample for `calibrate align` and `calibrate map`.
+    fn add_target(&mut self, shown: usize, rates: &mut [f32]) {
+        let target = self.target.take();
+        let scene = View { rig: &self.rig, camera: &self.camera, projector: &self.projector, inverse: &self.inverse };
+        let target = target.unwrap_or_else(|| match self.placement {
+            Placement::Mirror => Target::mirror(&scene),
+            placement => Target::crosses(&scene, placement == Placement::Crosses),
+        });
+        let pattern = &self.sequence[shown];
+        let mean = self.mean_light(pattern);
+        let (lights, vignetting, lamp) = (self.code_lights(), self.vignetting(), self.lamp_e_s());
+        let shines = |(&code, v): (&u8, &f64)| lights[usize::from(code)] * v + self.config.leakage * mean;
+        let light: Vec<f64> = pattern.codes.iter().zip(&vignetting).map(shines).collect();
+        let width = self.rig.camera.width_px;
+        target.image(&scene, &light, |pixel, radiance| {
+            let (column, row) = (pixel % width, pixel / width);
+            let falloff = self.natural_falloff(self.camera.lens(), column, row);
+            rates[pixel] += (lamp * radiance * falloff * self.channel_gain(column, row)) as f32;
+        });
+        self.target = Some(target);
+    }
+
+    /// Sensitivity of a pixel.
+    fn channel_gain(&self, column: usize, row: usize) -> f64 {
+        let channels = self.rig.camera.mosaic.channels(column, row);
+        channels.iter().map(|&c| self.config.channel_gains[c]).sum::<f64>() / channels.len() as f64
+    }
+
+    /// The white screen: a pixel sees one point of it, and that one direction of the projector.
     fn add_screen(&self, shown: usize, rates: &mut [f32]) {
         let (width, p) = (self.rig.camera.width_px, &self.rig.projector);
         let pattern = &self.sequence[shown];
         let mean = self.mean_light(pattern);
         let white = self.lamp_e_s() * self.gray_card_radiance();
         let (lights, vignetting) = (self.code_lights(), self.vignetting());
+        let height = self.rig.centre_height_mm - p.focus_mm;
         for (i, rate) in rates.iter_mut().enumerate() {
             let (column, row) = (i % width, i / width);
-            let ray = self.camera_lens.ray(column as f64 + 0.5, row as f64 + 0.5);
-            let (u, v) = self.projector.lens().pixel(&ray);
+            let point = self.camera.on_plane(column as f64 + 0.5, row as f64 + 0.5, height);
+            let (u, v) = self.projector.image(&point);
             if u < 0.0 || v < 0.0 || u >= p.width_px as f64 || v >= p.height_px as f64 {
                 continue;
             }
             let pixel = v as usize * p.width_px + u as usize;
             let code = pattern.codes[pixel];
             let light = lights[usize::from(code)] * vignetting[pixel] + self.config.leakage * mean;
-            let falloff = ray.z.powi(4) * self.natural_falloff(&self.camera_lens, column, row);
-            let gain: f64 = {
-                let channels = self.rig.camera.mosaic.channels(column, row);
-                channels.iter().map(|&c| self.config.channel_gains[c]).sum::<f64>() / channels.len() as f64
-            };
+            let falloff =
+                self.projector.lens().ray(u, v).z.powi(4) * self.natural_falloff(self.camera.lens(), column, row);
+            let gain = self.channel_gain(column, row);
             *rate += (white * gain * light * falloff) as f32;
         }
     }
@@ -327,20 +363,20 @@ impl Scene {
 
 /// Sensor pixels that look past the mirrors at the coded patch, the panel's pixel each sees, and the share of its light that
 /// both lenses leave.
-fn border(rig: &Rig, projector: &Lens, camera: &Lens) -> Vec<(u32, u32, f32)> {
+fn border(rig: &Rig, projector: &Misaligned, camera: &Misaligned) -> Vec<(u32, u32, f32)> {
     let Some(layout) = TagLayout::of(rig) else { return Vec::new() };
     let (width, panel_width) = (rig.camera.width_px, rig.projector.width_px);
     let mut seen = Vec::new();
     for i in 0..width * rig.camera.height_px {
-        let ray = camera.ray((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
-        let (u, v) = projector.pixel(&ray);
+        let (column, row) = ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
+        let (u, v) = projector.image(&camera.on_plane(column, row, 0.0));
         let in_cell = |cell: &Rect| {
             let (du, dv) = (u - cell.u0 as f64, v - cell.v0 as f64);
             du >= 0.0 && dv >= 0.0 && du < cell.width as f64 && dv < cell.height as f64
         };
         if layout.bits().iter().flat_map(|bit| &bit.panel).any(in_cell) {
             let pixel = v as usize * panel_width + u as usize;
-            seen.push((i as u32, pixel as u32, ray.z.powi(8) as f32));
+            seen.push((i as u32, pixel as u32, camera.lens().ray(column, row).z.powi(8) as f32));
         }
     }
     seen

@@ -2,34 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Misalignments of the simulated rig: what is left after an alignment, unknown to the reconstruction.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Perturbation {
-    /// Shift of the camera's optical axis on its sensor (column, row).
-    pub camera_offset_px: [f64; 2],
-    /// Shift of the projector's optical axis on its panel (column, row).
-    pub projector_offset_px: [f64; 2],
-    /// Decentre of the paraboloid (x, y).
-    pub paraboloid_offset_mm: [f64; 2],
-    /// Decentre of the dome (x, y).
-    pub dome_offset_mm: [f64; 2],
-    /// Tilt of the sample about x and y.
-    pub sample_tilt_deg: [f64; 2],
-}
-
-impl Perturbation {
-    /// The nominal rig itself.
-    pub fn none() -> Self {
-        Self {
-            camera_offset_px: [0.0; 2],
-            projector_offset_px: [0.0; 2],
-            paraboloid_offset_mm: [0.0; 2],
-            dome_offset_mm: [0.0; 2],
-            sample_tilt_deg: [0.0; 2],
-        }
-    }
-}
+use crate::optics::Misalignment;
 
 /// The simulated rig beyond its nominal dimensions.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -41,8 +14,8 @@ pub struct TwinConfig {
     pub seed: u64,
     /// Whether the camera has shot and dark noise; its quantisation stays.
     pub noise: bool,
-    /// What is out of place.
-    pub perturbation: Perturbation,
+    /// What is out of place: left after an alignment, unknown to the reconstruction.
+    pub perturbation: Misalignment,
     /// Light of a white frame over that of a black one.
     pub contrast: f64,
     /// Exponent of the projector's response after black subtraction.
@@ -86,12 +59,13 @@ impl TwinConfig {
             twin: "pinhole".into(),
             seed,
             noise: true,
-            perturbation: Perturbation {
+            perturbation: Misalignment {
                 camera_offset_px: [0.08, -0.05],
                 projector_offset_px: [-0.06, 0.07],
                 paraboloid_offset_mm: [0.001, -0.0008],
                 dome_offset_mm: [0.003, 0.002],
                 sample_tilt_deg: [0.01, -0.008],
+                ..Misalignment::none()
             },
             contrast: 174.0,
             response_exponent: 1.83,

@@ -271,8 +271,11 @@ fn accumulate(
     visits.clear();
     visits.reserve(nodes.len());
     for node in nodes {
-        let (u, v) = inverse.pixel(cos * node.x - sin * node.y, sin * node.x + cos * node.y);
-        if let Some(pixel) = light.pixel(u, v) {
+        let (x, y) = (cos * node.x - sin * node.y, sin * node.x + cos * node.y);
+        let (u, v) = inverse.pixel(x, y);
+        if let Some(pixel) = light.pixel(u, v)
+            && !inverse.shadowed(x, y)
+        {
             visits.push((pixel, node.weight));
         }
     }

@@ -1,101 +1,11 @@
-//! Rays through mirrors that are not quite where they should be.
+//! From directions back to the pixels of a misaligned device, fast.
 
-use nalgebra::{Point3, Rotation3, Vector3};
+use std::f32::consts::{PI, TAU};
+
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::Perturbation;
-use crate::geometry::{Direction, Rig as RigFrame, Sample};
-use crate::optics::{Lens, Mirrors, Rig};
-
-/// One device of the perturbed rig: real intersections with both mirrors, no closed form for the dome.
-#[derive(Debug, Clone)]
-pub struct PerturbedDevice {
-    mirrors: Mirrors,
-    lens: Lens,
-    paraboloid: Vector3<f64>,
-    dome: Vector3<f64>,
-    rig_from_sample: Rotation3<f64>,
-    radius_mm: f64,
-    theta_max: f64,
-}
-
-impl PerturbedDevice {
-    /// The camera of a perturbed rig.
-    pub fn camera(rig: &Rig, perturbation: &Perturbation) -> Self {
-        Self::new(rig, perturbation, shifted(rig.camera.lens(), perturbation.camera_offset_px))
-    }
-
-    /// The projector of a perturbed rig.
-    pub fn projector(rig: &Rig, perturbation: &Perturbation) -> Self {
-        Self::new(rig, perturbation, shifted(rig.projector.lens(), perturbation.projector_offset_px))
-    }
-
-    fn new(rig: &Rig, perturbation: &Perturbation, lens: Lens) -> Self {
-        let flat = |v: [f64; 2]| Vector3::new(v[0], v[1], 0.0);
-        let tilt = perturbation.sample_tilt_deg.map(f64::to_radians);
-        Self {
-            mirrors: rig.mirrors(),
-            lens,
-            paraboloid: flat(perturbation.paraboloid_offset_mm),
-            dome: flat(perturbation.dome_offset_mm),
-            rig_from_sample: Rotation3::from_euler_angles(tilt[0], tilt[1], 0.0),
-            radius_mm: rig.paraboloid_radius_mm(),
-            theta_max: rig.dome.theta_max_deg.to_radians(),
-        }
-    }
-
-    /// The lens, its shift included.
-    pub fn lens(&self) -> &Lens {
-        &self.lens
-    }
-
-    /// The direction at the sample of the image point (u, v); `None` where the ray misses a mirror as built.
-    pub fn direction(&self, u: f64, v: f64) -> Option<Direction<Sample>> {
-        let (direction, rho, theta) = self.trace(&self.lens.ray(u, v))?;
-        (rho <= self.radius_mm && theta <= self.theta_max).then_some(direction)
-    }
-
-    /// Direction at the sample, radius on the paraboloid (mm) and polar angle of the point on the dome, of the ray `e`.
-    fn trace(&self, e: &Vector3<f64>) -> Option<(Direction<Sample>, f64, f64)> {
-        let origin = self.mirrors.centre() - self.paraboloid;
-        let t = self.mirrors.hit_paraboloid(&origin, e)?;
-        let p = origin + e * t;
-        let rho = p.x.hypot(p.y);
-        let d = self.mirrors.reflect(&p, e);
-        let (hit, normal) = self.hit_dome(&(p + self.paraboloid - self.dome), &d, rho)?;
-        let out = d - normal * (2.0 * d.dot(&normal));
-        let theta = hit.x.hypot(hit.y).atan2(hit.z);
-        Some((Direction::<RigFrame>::new(-out).to_sample(&self.rig_from_sample), rho, theta))
-    }
-
-    /// Meets the ray with the dome as a surface of revolution, by Newton steps along the ray and along the profile, from
-    /// the nominal point. Returns the point and the unit normal.
-    fn hit_dome(&self, origin: &Point3<f64>, d: &Vector3<f64>, rho: f64) -> Option<(Point3<f64>, Vector3<f64>)> {
-        const STEP_MM: f64 = 1e-3;
-        let mut s = rho.max(1e-2);
-        let mut t = (self.mirrors.profile(s)? - Point3::new(s, 0.0, self.mirrors.paraboloid_height(s))).norm();
-        let mut found = None;
-        for _ in 0..4 {
-            let hit = origin + d * t;
-            let at = self.mirrors.profile(s)?;
-            let tangent = (self.mirrors.profile(s + STEP_MM)? - self.mirrors.profile(s - STEP_MM)?) / (2.0 * STEP_MM);
-            let speed = tangent.norm();
-            let (tr, tz) = (tangent.x / speed, tangent.z / speed);
-            let r = hit.x.hypot(hit.y);
-            let (cos_phi, sin_phi) = if r > 0.0 { (hit.x / r, hit.y / r) } else { (1.0, 0.0) };
-            let normal = Vector3::new(-tz * cos_phi, -tz * sin_phi, tr);
-            found = Some((hit, normal));
-            let (dr, dz) = (r - at.x, hit.z - at.z);
-            t -= (dr * -tz + dz * tr) / d.dot(&normal);
-            s += (dr * tr + dz * tz) / speed;
-        }
-        found
-    }
-}
-
-fn shifted(lens: Lens, offset: [f64; 2]) -> Lens {
-    Lens { centre_u: lens.centre_u + offset[0], centre_v: lens.centre_v + offset[1], ..lens }
-}
+use crate::optics::{Mirrors, Misaligned};
 
 /// Directions back to a device's pixels: the nominal radial map and a small table of what the perturbation adds to it.
 ///
@@ -109,7 +19,12 @@ pub struct InverseMap {
     scale: Vec<f32>,
     /// Displacement at `NODES` x `NODES` points over [-reach, reach]^2.
     shift: Vec<[f32; 2]>,
+    /// End of the paraboloid's nominal shadow, and of its shadow at `AZIMUTHS` azimuths from -pi on, radians.
+    shadow: (f32, Vec<f32>),
 }
+
+/// Azimuths of the table of the shadow's end.
+const AZIMUTHS: usize = 256;
 
 /// Nodes along each side of the table of displacements.
 const NODES: usize = 33;
@@ -118,19 +33,20 @@ const STEPS: usize = 1024;
 
 impl InverseMap {
     /// Tabulates the inverse of a device's map up to polar angles of `theta_max` radians.
-    pub fn new(device: &PerturbedDevice, theta_max: f64) -> Self {
+    pub fn new(device: &Misaligned, theta_max: f64) -> Self {
         let reach = theta_max * 1.05;
-        let radial = RadialTable::new(&device.mirrors);
+        let radial = RadialTable::new(device.mirrors());
         let scale = (0..=STEPS).map(|i| {
             let theta = (reach * reach * (i as f64 + 1e-9) / STEPS as f64).sqrt();
-            (radial.slope(theta, 0.0).0 / theta * device.lens.focal_px) as f32
+            (radial.slope(theta, 0.0).0 / theta * device.lens().focal_px) as f32
         });
         let mut map = Self {
-            centre: [device.lens.centre_u as f32, device.lens.centre_v as f32],
-            handedness: device.lens.arm.handedness() as f32,
+            centre: [device.lens().centre_u as f32, device.lens().centre_v as f32],
+            handedness: device.lens().arm.handedness() as f32,
             reach: reach as f32,
             scale: scale.collect(),
             shift: vec![[0.0; 2]; NODES * NODES],
+            shadow: shadow(device),
         };
         let nodes = (0..NODES * NODES).into_par_iter().map(|i| {
             let at = |j: usize| (j as f64 / (NODES - 1) as f64 * 2.0 - 1.0) * reach;
@@ -144,6 +60,21 @@ impl InverseMap {
         });
         map.shift = nodes.collect();
         map
+    }
+
+    /// Whether a misaligned paraboloid shadows what a nominal one would not, at (theta cos phi, theta sin phi), radians.
+    #[inline]
+    pub fn shadowed(&self, x: f32, y: f32) -> bool {
+        let theta2 = x * x + y * y;
+        let (nominal, table) = &self.shadow;
+        // Few directions are as near to the pole: the others pay for one comparison.
+        if theta2 > 4.0 * nominal * nominal || theta2 < nominal * nominal {
+            return false;
+        }
+        let azimuth = (y.atan2(x) + PI) / TAU * AZIMUTHS as f32;
+        let (i, f) = (azimuth as usize, azimuth.fract());
+        let end = table[i % AZIMUTHS] + f * (table[(i + 1) % AZIMUTHS] - table[i % AZIMUTHS]);
+        theta2 < end * end
     }
 
     /// Pixel coordinates of the direction at (theta cos phi, theta sin phi), radians, within the reach.
@@ -167,18 +98,32 @@ impl InverseMap {
     }
 }
 
+/// The end of the nominal shadow and, by azimuth, of the device's own.
+fn shadow(device: &Misaligned) -> (f32, Vec<f32>) {
+    let mut ends: Vec<(f64, f64)> = device.edges(AZIMUTHS).inner.into_iter().map(|(theta, phi)| (phi, theta)).collect();
+    ends.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let at = |i: usize| {
+        let phi = i as f64 / AZIMUTHS as f64 * std::f64::consts::TAU - std::f64::consts::PI;
+        let after = ends.partition_point(|e| e.0 < phi);
+        // Azimuths of the image and of directions differ by little: neighbours are a degree away.
+        let (before, after) = (ends[(after + ends.len() - 1) % ends.len()], ends[after % ends.len()]);
+        (0.5 * (before.1 + after.1)) as f32
+    };
+    (device.nominal_shadow() as f32, (0..AZIMUTHS).map(at).collect())
+}
+
 /// Finds the image point of a direction by correcting the nominal inverse until the traced ray agrees.
-fn invert(device: &PerturbedDevice, radial: &RadialTable, x: f64, y: f64) -> (f64, f64) {
+fn invert(device: &Misaligned, radial: &RadialTable, x: f64, y: f64) -> (f64, f64) {
     let wanted = radial.slope(x, y);
     let mut slope = wanted;
-    for _ in 0..3 {
+    for _ in 0..6 {
         let ray = Vector3::new(slope.0, slope.1, -1.0).normalize();
-        let Some((d, _, _)) = device.trace(&ray) else { break };
+        let Some(d) = device.along(&ray) else { break };
         let (theta, phi) = (d.theta(), d.phi());
         let got = radial.slope(theta * phi.cos(), theta * phi.sin());
         slope = (slope.0 + wanted.0 - got.0, slope.1 + wanted.1 - got.1);
     }
-    device.lens.pixel(&Vector3::new(slope.0, slope.1, -1.0))
+    device.lens().pixel(&Vector3::new(slope.0, slope.1, -1.0))
 }
 
 /// Slope of the nominal ray for a polar angle at the sample.
@@ -216,27 +161,17 @@ impl RadialTable {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::optics::{Device, Misalignment, Rig};
     use crate::twin::TwinConfig;
 
     fn rig() -> Rig {
         Rig::from_toml(include_str!("../../optics/ghosh-2007-built.toml")).unwrap()
     }
 
-    /// Two independent ways to the same direction: real intersections here, the closed form in `optics`.
-    #[test]
-    fn an_unperturbed_rig_is_the_nominal_one() {
-        let rig = rig();
-        let (traced, nominal) = (PerturbedDevice::camera(&rig, &Perturbation::none()), rig.camera_map());
-        for (u, v) in [(680.0, 470.0), (800.0, 512.3), (610.0, 380.0), (880.0, 560.0)] {
-            let (a, b) = (traced.direction(u, v).unwrap(), nominal.direction(u, v).unwrap());
-            assert!((a.vector() - b.vector()).norm() < 1e-7, "{u} {v}");
-        }
-    }
-
     #[test]
     fn perturbations_move_directions_by_hundredths_of_a_degree() {
         let rig = rig();
-        let device = PerturbedDevice::camera(&rig, &TwinConfig::pinhole(0).perturbation);
+        let device = Misaligned::new(&rig, &TwinConfig::pinhole(0).perturbation, Device::Camera);
         let nominal = rig.camera_map();
         let mut worst = 0.0f64;
         for (u, v) in [(680.0, 470.0), (800.0, 512.3), (610.0, 380.0), (880.0, 560.0)] {
@@ -249,13 +184,22 @@ mod tests {
     #[test]
     fn the_inverse_map_undoes_the_trace() {
         let rig = rig();
-        let device = PerturbedDevice::projector(&rig, &TwinConfig::pinhole(0).perturbation);
-        let inverse = InverseMap::new(&device, 57.5f64.to_radians());
-        for (u, v) in [(400.0, 270.0), (480.0, 312.3), (310.0, 380.0), (520.0, 240.0), (535.0, 390.0)] {
-            let d = device.direction(u, v).unwrap();
-            let (theta, phi) = (d.theta(), d.phi());
-            let (gu, gv) = inverse.pixel((theta * phi.cos()) as f32, (theta * phi.sin()) as f32);
-            assert!((f64::from(gu) - u).hypot(f64::from(gv) - v) < 0.01, "{u} {v}: {gu} {gv}");
+        let far = Misalignment {
+            projector_displacement_mm: [0.35, -0.35],
+            projector_turn_deg: [0.15, 0.13],
+            paraboloid_offset_mm: [0.3, 0.4],
+            sample_tilt_deg: [0.0, 0.2],
+            ..Misalignment::none()
+        };
+        for m in [TwinConfig::pinhole(0).perturbation, far] {
+            let device = Misaligned::new(&rig, &m, Device::Projector);
+            let inverse = InverseMap::new(&device, 57.5f64.to_radians());
+            for (u, v) in [(400.0, 270.0), (480.0, 312.3), (310.0, 380.0), (520.0, 240.0), (535.0, 390.0)] {
+                let d = device.direction(u, v).unwrap();
+                let (theta, phi) = (d.theta(), d.phi());
+                let (gu, gv) = inverse.pixel((theta * phi.cos()) as f32, (theta * phi.sin()) as f32);
+                assert!((f64::from(gu) - u).hypot(f64::from(gv) - v) < 0.01, "{u} {v}: {gu} {gv}");
+            }
         }
     }
 }

@@ -1,8 +1,9 @@
 //! The simulated rig: an independent forward model behind the same traits as real devices.
 //!
 //! `pinhole` traces chief rays through a slightly *perturbed* rig with real mirror intersections, integrates pixels as
-//! areas, and has a real projector's response, contrast and leakage and a real camera's noise, wells and bits. The
-//! reconstruction knows only the nominal rig and what calibrations measured on the perturbed one.
+//! areas, and has a real projector's response, contrast and leakage and a real camera's noise, wells and bits; only the
+//! crosses of an alignment are seen and lit through finite pupils. The reconstruction knows only the nominal rig and what
+//! calibrations measured on the perturbed one.
 
 mod bench;
 mod clock;
@@ -11,11 +12,12 @@ mod devices;
 mod faults;
 mod forward;
 mod geometry;
+mod targets;
 
 pub use bench::TwinBench;
 pub use clock::{RealClock, VirtualClock};
-pub use config::{Perturbation, TwinConfig};
+pub use config::TwinConfig;
 pub use devices::Truth;
 pub use faults::Faults;
 pub use forward::{Accuracy, PatternLight, ResponseField, lobe_width};
-pub use geometry::{InverseMap, PerturbedDevice};
+pub use geometry::InverseMap;

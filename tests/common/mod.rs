@@ -29,7 +29,7 @@ pub fn rig(name: &str) -> Rig {
 /// All calibrations, made on the same twin.
 pub fn calibrated(rig: &Rig, config: &TwinConfig) -> CalibrationSet {
     let mut bench = TwinBench::new(rig, config.clone(), open("gray-card").unwrap());
-    CalibrationSet::make(rig, &mut bench, &mut |_, _| ()).unwrap()
+    CalibrationSet::make(rig, &mut bench, None, &mut |_, _| ()).unwrap()
 }
 
 pub fn run(

@@ -128,7 +128,16 @@ pub fn calibration(folder: Option<&Path>, rig: &Rig, config: &TwinConfig) -> any
         return Ok(CalibrationSet::read(folder, rig)?);
     }
     let mut bench = TwinBench::new(rig, for_calibration(config), open("gray-card")?);
-    Ok(CalibrationSet::make(rig, &mut bench, &mut frames_bar("calibrate"))?)
+    Ok(CalibrationSet::make(rig, &mut bench, None, &mut frames_bar("calibrate"))?)
+}
+
+/// The simulated rig, with what a file says is out of place.
+pub fn twin(seed: u64, misalign: Option<&Path>) -> anyhow::Result<TwinConfig> {
+    let mut config = TwinConfig::pinhole(seed);
+    if let Some(path) = misalign {
+        config.perturbation = store::read_json(path)?;
+    }
+    Ok(config)
 }
 
 /// The same devices with other noise: calibrations and measurements of one seed must not share it.
@@ -203,6 +212,7 @@ pub fn exit_code(error: &anyhow::Error) -> ExitCode {
             || matches!(cause.downcast_ref(), Some(MeasureError::Capture(e)) if device(e))
             || matches!(cause.downcast_ref(), Some(CalibrateError::Capture(e)) if device(e))
             || matches!(cause.downcast_ref(), Some(CalibrateError::DarkFlatField | CalibrateError::DarkGrayCard))
+            || matches!(cause.downcast_ref(), Some(CalibrateError::NoCross { .. } | CalibrateError::NoFringes { .. }))
             || matches!(cause.downcast_ref(), Some(ReduceError::Incomplete { .. }))
     });
     if failed { ExitCode::from(1) } else { ExitCode::from(2) }

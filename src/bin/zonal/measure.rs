@@ -42,6 +42,9 @@ pub struct Args {
     /// Simulate faults, e.g. drop=0.01: drop, duplicate, repeat, reorder, flag, late (shares), late_s, stuck_after, lost_after, seed.
     #[arg(long, value_name = "NAME=VALUE")]
     fault: Vec<String>,
+    /// What is out of place in the simulated rig: a JSON file with any of the keys of `perturbation` in run.json.
+    #[arg(long, value_name = "FILE.json")]
+    misalign: Option<PathBuf>,
     /// Folder with the rig's calibrations; without it a simulated rig is calibrated first.
     #[arg(long)]
     calibration: Option<PathBuf>,
@@ -62,7 +65,7 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     common::makeable(&args.out)?;
     let Some(material) = &args.simulate else { return Err(common::no_devices()) };
     let sample = open(material)?;
-    let mut config = TwinConfig::pinhole(args.seed);
+    let mut config = common::twin(args.seed, args.misalign.as_deref())?;
     if args.noiseless {
         config = config.noiseless();
     }

@@ -31,14 +31,18 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     common::makeable(&args.out)?;
     store::vacant(&args.out)?;
     let (width, height) = (rig.projector.width_px, rig.projector.height_px);
-    let (response, flat) = match &args.calibration {
+    let (response, flat, projector) = match &args.calibration {
         Some(folder) => {
             let set = CalibrationSet::read(folder, &rig)?;
-            (set.response, set.flat)
+            if let Some(map) = &set.map {
+                map.check_zone(&rig)?;
+            }
+            let projector = set.maps(&rig).projector;
+            (set.response, set.flat, projector)
         }
-        None => (Response::linear(), FlatField::uniform(width, height)),
+        None => (Response::linear(), FlatField::uniform(width, height), rig.projector_map()),
     };
-    let lobes = Lobes::new(&rig.projector_map(), rig.zone(), plan.order, width, height)?;
+    let lobes = Lobes::new(&projector, rig.zone(), plan.order, width, height)?;
     store::write_dir(&args.out, |folder| {
         (0..size(plan.order)).into_par_iter().try_for_each(|k| {
             let pair = lobes.encode(k, &response, &flat);
