@@ -181,10 +181,12 @@ fn ctrl_c_stops_after_a_frame_and_says_how_to_go_on() {
 
 #[test]
 fn a_journal_cut_in_a_line_is_taken_up_where_it_was_whole() {
-    ended_badly(BENCH.measure("cut", &["--fault", "lost_after=40"]), 1, &["frame ", "camera", "cable", "resume"]);
+    ended_badly(BENCH.measure("cut", &["--fault", "lost_after=43"]), 1, &["frame ", "camera", "cable", "resume"]);
     let journal = BENCH.path("cut").join("journal.jsonl");
     let text = fs::read_to_string(&journal).unwrap();
     let frame = text.lines().filter(|l| l.contains("\"frame\"")).next_back().unwrap();
+    // No power failure takes back a frame that is merged already, and a pair of six is merged with its last.
+    assert_ne!(frames(&BENCH.path("cut")).len() % 6, 0, "choose another frame to lose the camera at");
     fs::write(&journal, &text[..text.find(frame).unwrap() + frame.len() / 2]).unwrap();
     assert!(BENCH.measure("cut", &[]).output().unwrap().status.success());
     BENCH.assert_undisturbed("cut");

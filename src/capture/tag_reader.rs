@@ -147,19 +147,23 @@ impl TagModel {
             return Verdict::Unreadable;
         }
         let expected = self.contrast(code);
+        // The model's own noise counts too: a bit that is set was learned from one frame.
+        let own = 2.0 * light * light;
+        let variance: Vec<f64> =
+            reading.variance.iter().zip(&self.base.variance).map(|(v, base)| v + own * base).collect();
         let (mut information, mut sum) = (0.0, 0.0);
-        for ((e, r), v) in expected.iter().zip(&reading.contrast).zip(&reading.variance) {
+        for ((e, r), v) in expected.iter().zip(&reading.contrast).zip(&variance) {
             information += e * e / v;
             sum += e * r / v;
         }
         let (seen, sigma) = (sum / information, information.sqrt().recip());
-        let fits = expected.iter().enumerate().all(|(i, e)| {
-            // The model's own noise counts too: a bit that is set was learned from one frame.
-            let variance = reading.variance[i] + 2.0 * light * light * self.base.variance[i];
-            (reading.contrast[i] - seen * e).abs() <= SIGMAS * variance.sqrt() + LINEARITY * e.abs()
-        });
+        let fits = expected
+            .iter()
+            .zip(&reading.contrast)
+            .zip(&variance)
+            .all(|((e, r), v)| (r - seen * e).abs() <= SIGMAS * v.sqrt() + LINEARITY * e.abs());
         let pure = others.iter().filter(|&&other| other != code).all(|&other| {
-            let (share, sigma) = self.share_of(other, &expected, reading);
+            let (share, sigma) = share_of(&self.contrast(other), &expected, &reading.contrast, &variance);
             share <= MIXTURE_SIGMAS * sigma + MIXTURE
         });
         let steady = (seen / light - 1.0).abs() <= LIGHT_STEP.max(SIGMAS * sigma);
@@ -171,24 +175,21 @@ impl TagModel {
     }
 }
 
-impl TagModel {
-    /// Share of the light that was of `other` and not of the code whose contrasts are `expected`, with its standard error:
-    /// least squares in both.
-    fn share_of(&self, other: usize, expected: &[f64], reading: &TagReading) -> (f64, f64) {
-        let (mut ee, mut ed, mut dd, mut er, mut dr) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        for (((e, s), r), v) in expected.iter().zip(&self.contrast(other)).zip(&reading.contrast).zip(&reading.variance)
-        {
-            let d = s - e;
-            ee += e * e / v;
-            ed += e * d / v;
-            dd += d * d / v;
-            er += e * r / v;
-            dr += d * r / v;
-        }
-        let determinant = ee * dd - ed * ed;
-        let light = (dd * er - ed * dr) / determinant;
-        ((ee * dr - ed * er) / determinant / light, (ee / determinant).sqrt() / light)
+/// Share of the light that was of a code with the contrasts `other` and not of the one with those `expected`, with its
+/// standard error: least squares in both.
+fn share_of(other: &[f64], expected: &[f64], contrast: &[f64], variance: &[f64]) -> (f64, f64) {
+    let (mut ee, mut ed, mut dd, mut er, mut dr) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    for (((e, s), r), v) in expected.iter().zip(other).zip(contrast).zip(variance) {
+        let d = s - e;
+        ee += e * e / v;
+        ed += e * d / v;
+        dd += d * d / v;
+        er += e * r / v;
+        dr += d * r / v;
     }
+    let determinant = ee * dd - ed * ed;
+    let light = (dd * er - ed * dr) / determinant;
+    ((ee * dr - ed * er) / determinant / light, (ee / determinant).sqrt() / light)
 }
 
 /// Contrasts of code 0 with their variances, and what each bit adds, from readings of code 0 and of every single bit.

@@ -1,5 +1,7 @@
 //! The simulated devices behind the traits of real ones.
 
+use std::collections::HashMap;
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
@@ -24,6 +26,12 @@ use crate::reflectance::{Brdf, Lambert};
 /// Pixels are integrated over this many samples along each side.
 const PIXEL_SAMPLES: usize = 2;
 
+/// Hash of the codes that reach the dome, and bits of the mean light that leaks.
+type Content = (u64, u64);
+
+/// Patterns whose reflection is kept.
+const MAX_REFLECTED: usize = 1000;
+
 /// The simulated rig's mirrors, devices and sample: what a pixel gets from each pattern.
 pub(super) struct Scene {
     rig: Rig,
@@ -40,8 +48,9 @@ pub(super) struct Scene {
     /// What is in place instead of a sample, once it has been looked at.
     target: Option<Target>,
     sequence: Vec<Pattern>,
-    /// Electrons per second from the sample, of each pixel in `pixels` for each pattern: `[pixel][pattern]`.
-    reflected: Option<Vec<f32>>,
+    /// Electrons per second from the sample, of each pixel in `pixels`, for what has been shown of the dome since something
+    /// was put in place.
+    reflected: HashMap<Content, Vec<f32>>,
     /// Sensor pixels that look past the mirrors at the coded patch: the panel's pixel they see, and what of it reaches them.
     border: Vec<(u32, u32, f32)>,
     /// Electrons per second of each sensor pixel for one pattern.
@@ -90,7 +99,7 @@ impl Scene {
             dome,
             target: None,
             sequence: Vec::new(),
-            reflected: None,
+            reflected: HashMap::new(),
             border,
             rates: None,
             physics_s: 0.0,
@@ -129,13 +138,14 @@ impl Scene {
     /// Takes another sequence of frames.
     pub fn load(&mut self, sequence: &[Pattern]) {
         self.sequence = sequence.to_vec();
-        (self.reflected, self.rates) = (None, None);
+        self.rates = None;
     }
 
     /// Puts something else in place.
     fn place(&mut self, what: Placement) {
         self.placement = what;
-        (self.target, self.reflected, self.rates) = (None, None, None);
+        (self.target, self.rates) = (None, None);
+        self.reflected.clear();
     }
 
     /// Electrons per second in a green pixel for a unit of reflected radiance under white light.
@@ -168,19 +178,37 @@ impl Scene {
         sum / pattern.codes.len() as f64
     }
 
-    fn pattern_light(&self) -> PatternLight {
+    /// The part of the panel whose light reaches the dome: first column and row, and size.
+    fn dome_panel(&self) -> ([usize; 2], [usize; 2]) {
         let p = &self.rig.projector;
         let edge = self.rig.projector_map().radius_px(self.dome.theta_max()).unwrap_or(f64::INFINITY) + 4.0;
         let (centre_u, centre_v) = self.projector.image_centre();
         let lo = |c: f64| (c - edge).floor().max(0.0) as usize;
         let hi = |c: f64, n: usize| ((c + edge).ceil() as usize).min(n);
         let (u0, v0) = (lo(centre_u), lo(centre_v));
-        let (width, height) = (hi(centre_u, p.width_px) - u0, hi(centre_v, p.height_px) - v0);
-        let means: Vec<f64> = self.sequence.iter().map(|s| self.mean_light(s)).collect();
+        ([u0, v0], [hi(centre_u, p.width_px) - u0, hi(centre_v, p.height_px) - v0])
+    }
+
+    /// What of a pattern reaches the dome: patterns alike in this reflect alike.
+    fn content(&self, shown: usize) -> Content {
+        let pattern = &self.sequence[shown];
+        let ([u0, v0], [width, height]) = self.dome_panel();
+        let mut hasher = DefaultHasher::new();
+        for v in v0..v0 + height {
+            pattern.codes[v * pattern.width + u0..][..width].hash(&mut hasher);
+        }
+        (hasher.finish(), self.mean_light(pattern).to_bits())
+    }
+
+    /// The light of some patterns of the sequence.
+    fn pattern_light(&self, patterns: &[usize]) -> PatternLight {
+        let p = &self.rig.projector;
+        let (origin, size) = self.dome_panel();
+        let means: Vec<f64> = patterns.iter().map(|&i| self.mean_light(&self.sequence[i])).collect();
         let (lights, vignetting) = (self.code_lights(), self.vignetting());
-        PatternLight::new([u0, v0], [width, height], self.sequence.len(), |pattern, column, row| {
+        PatternLight::new(origin, size, patterns.len(), |pattern, column, row| {
             let pixel = row * p.width_px + column;
-            let code = self.sequence[pattern].codes[pixel];
+            let code = self.sequence[patterns[pattern]].codes[pixel];
             (lights[usize::from(code)] * vignetting[pixel] + self.config.leakage * means[pattern]) as f32
         })
     }
@@ -202,14 +230,14 @@ impl Scene {
             Placement::Sample | Placement::GrayCard | Placement::BlackTrap => {}
         }
         self.add_border(shown, &mut rates);
-        if self.reflected.is_none() {
+        let content = self.content(shown);
+        if !self.reflected.contains_key(&content) {
             let started = Instant::now();
-            self.reflected = Some(self.reflect());
+            self.reflect();
             self.physics_s += started.elapsed().as_secs_f64();
         }
-        let reflected = self.reflected.as_ref().expect("made above");
-        for ((i, _), row) in self.pixels.iter().zip(reflected.chunks_exact(self.sequence.len())) {
-            rates[*i] += row[shown];
+        for ((i, _), rate) in self.pixels.iter().zip(&self.reflected[&content]) {
+            rates[*i] += rate;
         }
         rates
     }
@@ -229,16 +257,22 @@ impl Scene {
     }
 
     /// What every pixel gets from the sample for every pattern of the sequence.
-    fn reflect(&self) -> Vec<f32> {
+    fn reflect(&mut self) {
+        let mut contents: Vec<(Content, usize)> = (0..self.sequence.len()).map(|i| (self.content(i), i)).collect();
+        contents.retain(|(content, _)| !self.reflected.contains_key(content));
+        contents.sort_by_key(|&(content, i)| (content, i));
+        contents.dedup_by_key(|&mut (content, _)| content);
+        contents.sort_by_key(|&(_, i)| i);
+        let new: Vec<usize> = contents.iter().map(|&(_, i)| i).collect();
         let brdf: Arc<dyn Brdf> = match self.placement {
             Placement::GrayCard => Arc::new(Lambert { albedo: [GRAY_CARD_ALBEDO; 3] }),
             _ => self.sample.clone(),
         };
-        let light = self.pattern_light();
+        let light = self.pattern_light(&new);
         let field = ResponseField::new(brdf.as_ref(), &light, &self.inverse, self.dome, &self.accuracy);
         let lamp = self.lamp_e_s() / (PIXEL_SAMPLES * PIXEL_SAMPLES) as f64;
         let width = self.rig.camera.width_px;
-        let patterns = self.sequence.len();
+        let patterns = new.len();
         let mut reflected = vec![0.0; self.pixels.len() * patterns];
         reflected.par_chunks_mut(patterns).zip(&self.pixels).for_each(|(row, (i, directions))| {
             let (column, line) = (i % width, i / width);
@@ -251,7 +285,12 @@ impl Scene {
                 }
             }
         });
-        reflected
+        if self.reflected.len() + patterns > MAX_REFLECTED {
+            self.reflected.clear();
+        }
+        for (j, (content, _)) in contents.into_iter().enumerate() {
+            self.reflected.insert(content, reflected.iter().skip(j).step_by(patterns).copied().collect());
+        }
     }
 
     /// What replaces the sample for `calibrate align` and `calibrate map`.
