@@ -63,7 +63,8 @@ fn faults_cost_time_and_nothing_else() {
             common::measured(&COARSE, &plan, &mut bench(config).failing(faults), &CALIBRATION, None).unwrap();
         let rejected = measured.record.capture.rejected;
         eprintln!("{name}: {rejected} frames taken again");
-        assert!(rejected > 0, "{name}: nothing happened");
+        // A latency that was met while it was measured is waited for.
+        assert!(rejected > 0 || name == "late", "{name}: nothing happened");
         assert!(name == "flag" || bits(&measured) == undisturbed, "{name}");
     }
 }

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use super::device::{Bench, Camera, CameraLimits, Clock, Frame, Projector, ProjectorLimits, Triggering};
 use super::journal::FrameEntry;
-use super::tag_reader::{TagModel, TagReading, Verdict};
+use super::tag_reader::{LIGHT_STEP, TagModel, TagReading, Verdict};
 use super::{CaptureError, Crop};
 use crate::optics::Rig;
 use crate::radiometry::{Lamp, Sensor};
@@ -125,6 +125,8 @@ pub(super) struct Acquisition<'a> {
     eager: bool,
     recent: VecDeque<u64>,
     readings: VecDeque<TagReading>,
+    /// Light of the last frame, where it was not the lamp's.
+    other_light: Option<f64>,
     pub effort: Effort,
     waited: Duration,
     restored: bool,
@@ -160,6 +162,7 @@ impl<'a> Acquisition<'a> {
             eager: true,
             recent: VecDeque::new(),
             readings: VecDeque::new(),
+            other_light: None,
             effort: Effort::default(),
             waited: Duration::ZERO,
             restored: false,
@@ -388,8 +391,21 @@ impl<'a> Acquisition<'a> {
         }
         match verdict {
             Verdict::Expected { light, sigma } => {
+                self.other_light = None;
                 let estimate = self.lamp.update(self.frame_time_s(exposure_s), light, sigma);
                 Ok(Accepted { frame, light: estimate, reading: Some([light, sigma]) })
+            }
+            // No two frames are dark for the same part of their time: the lamp itself has changed.
+            Verdict::OtherLight { light, sigma }
+                if self.other_light.is_some_and(|before| (light / before - 1.0).abs() < LIGHT_STEP) =>
+            {
+                self.other_light = None;
+                self.lamp = Lamp::new(light, sigma);
+                Ok(Accepted { frame, light, reading: Some([light, sigma]) })
+            }
+            Verdict::OtherLight { light, .. } => {
+                self.other_light = Some(light);
+                Err(Rejection::Stale)
             }
             Verdict::Other => Err(Rejection::Stale),
             Verdict::Unreadable => Err(Rejection::Unreadable),

@@ -1,10 +1,10 @@
 //! What is measured before the first frame: how bright the coded patch may be, how late the projector is, what the patch
 //! looks like.
 
-use super::CaptureError;
-use super::acquisition::{Acquisition, FROZEN_S};
+use super::acquisition::{Acquisition, FROZEN_S, Rejections, near};
 use super::device::Frame;
 use super::tag_reader::{TagModel, TagReading, Verdict};
+use super::{CaptureError, Rejection};
 use crate::patterns::{Pattern, TagLayout};
 use crate::radiometry::Lamp;
 
@@ -23,7 +23,7 @@ const PROBE_FIRST: u64 = 1 << 40;
 /// Number of the first frame the patch is learned from.
 const LEARNING_FIRST: u64 = 1 << 41;
 /// How often the patch is learned anew before it is given up.
-const ATTEMPTS: usize = 5;
+const ATTEMPTS: usize = 16;
 /// A share of a change below which it is over.
 const SETTLED: f64 = 0.02;
 
@@ -63,17 +63,23 @@ impl Acquisition<'_> {
 
     /// Finds level and latency and learns the patch; again where a frame was late or lost on the way.
     fn learn_tag(&mut self, layout: &TagLayout, any: &Pattern, longest_s: f64) -> Result<TagModel, CaptureError> {
-        let mut attempts = 0;
-        loop {
-            attempts += 1;
-            match self.try_learn_tag(layout, any, longest_s) {
-                Err(CaptureError::NoTag { .. } | CaptureError::Frozen { .. }) if attempts < ATTEMPTS => {}
-                result => return result,
+        let mut problem = String::new();
+        for _ in 0..ATTEMPTS {
+            match self.try_learn_tag(layout, any, longest_s)? {
+                Ok(model) => return Ok(model),
+                Err(reason) => problem = reason,
             }
         }
+        Err(CaptureError::NoTag { problem })
     }
 
-    fn try_learn_tag(&mut self, layout: &TagLayout, any: &Pattern, longest_s: f64) -> Result<TagModel, CaptureError> {
+    /// One attempt; the inner error says what did not fit together.
+    fn try_learn_tag(
+        &mut self,
+        layout: &TagLayout,
+        any: &Pattern,
+        longest_s: f64,
+    ) -> Result<Result<TagModel, String>, CaptureError> {
         self.latency_s = 0.0;
         self.restart(PROBE_FIRST)?;
         let level = self.find_tag_level(layout, longest_s)?;
@@ -89,7 +95,10 @@ impl Acquisition<'_> {
         self.restart(LEARNING_FIRST)?;
         let exposure_s = LEARNING_REFRESHES / self.rig.projector.refresh_hz;
         let mut frames: Vec<Frame> = Vec::with_capacity(probes.len());
-        while frames.len() < probes.len() {
+        for _ in 0..ATTEMPTS * probes.len() {
+            if frames.len() == probes.len() {
+                break;
+            }
             let next = frames.len() + 1;
             let frame = self.fresh(frames.len(), exposure_s, 0.0, Some(next).filter(|&n| n < probes.len()))?;
             // Every probe differs from the one before: equal samples are a frame that came twice.
@@ -97,15 +106,18 @@ impl Acquisition<'_> {
                 frames.push(frame);
             }
         }
-        let (check, learned) = frames.split_last().expect("there is code 0");
-        let no_tag = |problem| CaptureError::NoTag { problem };
-        let model = TagModel::learn(layout.clone(), self.sensor, learned).map_err(no_tag)?;
-        match model.judge(&model.read(check), opposite, &[], 1.0) {
-            Verdict::Expected { .. } => Ok(model),
-            _ => Err(no_tag(
-                "its cells do not add up: the light is not steady, or the projector is late now and then".into(),
-            )),
-        }
+        let Some((check, learned)) = frames.split_last().filter(|_| frames.len() == probes.len()) else {
+            return Ok(Err("the same frame comes again and again".into()));
+        };
+        Ok(TagModel::learn(layout.clone(), self.sensor, learned).and_then(|model| {
+            match model.judge(&model.read(check), opposite, &[], 1.0) {
+                Verdict::Expected { .. } => Ok(model),
+                _ => {
+                    Err("its cells do not add up: the light is not steady, or the projector is late now and then"
+                        .into())
+                }
+            }
+        }))
     }
 
     /// The brightest projector code at which the patch saturates in no exposure up to `longest_s`.
@@ -143,33 +155,47 @@ impl Acquisition<'_> {
         settle_s: f64,
         next: Option<usize>,
     ) -> Result<Frame, CaptureError> {
-        self.show(index)?;
         self.set_exposure(exposure_s)?;
-        let start_s = self.lit_s() + settle_s;
-        self.frame_from(start_s, exposure_s, next)
+        let mut rejections = Rejections::default();
+        loop {
+            // Again where the next one was shown already and this one did not arrive.
+            self.show(index)?;
+            let start_s = self.lit_s() + settle_s;
+            if let Some(frame) = self.frame_from(start_s, exposure_s, next)? {
+                return Ok(frame);
+            }
+            rejections.add(Rejection::Missing, self.waited_s())?;
+        }
     }
 
-    /// The first good frame of `exposure_s` whose exposure begins at `start_s` or later.
-    fn frame_from(&mut self, start_s: f64, exposure_s: f64, next: Option<usize>) -> Result<Frame, CaptureError> {
-        let mut rejections = super::acquisition::Rejections::default();
+    /// The first good frame of `exposure_s` whose exposure begins at `start_s` or later; `None` if a triggered one
+    /// does not come.
+    fn frame_from(
+        &mut self,
+        start_s: f64,
+        exposure_s: f64,
+        next: Option<usize>,
+    ) -> Result<Option<Frame>, CaptureError> {
+        if self.is_triggered() {
+            self.expose(start_s)?;
+            next.map_or(Ok(()), |next| self.show(next))?;
+        }
+        let mut rejections = Rejections::default();
         loop {
-            if self.is_triggered() {
-                self.expose(start_s)?;
-                next.map_or(Ok(()), |next| self.show(next))?;
+            let received = self.receive()?;
+            if received.is_none() && self.is_triggered() {
+                return Ok(None);
             }
-            match self.receive()? {
-                None => rejections.add(super::Rejection::Missing, self.waited_s())?,
-                Some(frame) if !frame.flags.good() => rejections.add(super::Rejection::Corrupt, self.waited_s())?,
-                Some(frame) => {
-                    // The same clock twice: a microsecond is rounding.
-                    let late_enough = frame.timestamp_s >= start_s - 1e-6;
-                    if late_enough && super::acquisition::near(frame.exposure_s, exposure_s) {
-                        return Ok(frame);
-                    }
-                    if frame.timestamp_s > start_s + FROZEN_S + exposure_s {
-                        rejections.add(super::Rejection::OtherExposure, self.waited_s())?;
-                    }
-                }
+            let good = received.filter(|frame| {
+                // The same clock twice: a microsecond is rounding.
+                frame.flags.good() && frame.timestamp_s >= start_s - 1e-6 && near(frame.exposure_s, exposure_s)
+            });
+            if good.is_some() {
+                return Ok(good);
+            }
+            // Frames from before may have to be read first.
+            if self.clock.now_s() > start_s.max(self.said_lit_s()) + FROZEN_S + exposure_s {
+                rejections.add(Rejection::OtherExposure, self.waited_s())?;
             }
         }
     }
@@ -197,6 +223,7 @@ impl Acquisition<'_> {
             }
         };
         let mut worst_s = 0.0f64;
+        let mut missing = Rejections::default();
         for probe in 0..LATENCY_PROBES {
             let target = if probe % 2 == 0 { 0 } else { other };
             self.show(target)?;
@@ -204,8 +231,11 @@ impl Acquisition<'_> {
             let mut changed_s = None;
             loop {
                 let now_s = self.clock.now_s();
-                let frame =
-                    self.frame_from(if self.is_triggered() { now_s } else { f64::NEG_INFINITY }, probe_s, None)?;
+                let start_s = if self.is_triggered() { now_s } else { f64::NEG_INFINITY };
+                let Some(frame) = self.frame_from(start_s, probe_s, None)? else {
+                    missing.add(Rejection::Missing, self.waited_s())?;
+                    continue;
+                };
                 let share = (contrast(&frame) - ends[0]) / (ends[1] - ends[0]);
                 let done = if target == 0 { 1.0 - share } else { share };
                 if done > SETTLED && done < 1.0 - SETTLED {

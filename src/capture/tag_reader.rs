@@ -12,8 +12,8 @@ const LINEARITY: f64 = 1e-3;
 const MIXTURE_SIGMAS: f64 = 5.0;
 /// ... and by this share of the exposure, which a camera's last non-linearity may feign.
 const MIXTURE: f64 = 5e-4;
-/// A lamp does not change by more between two frames.
-const LIGHT_STEP: f64 = 0.2;
+/// A lamp does not change by more between two frames; an exposure that was dark for a part of its time does.
+pub(super) const LIGHT_STEP: f64 = 0.01;
 /// Crosstalk between bits below this many standard errors is noise, and taken for none.
 const CROSSTALK_SIGMAS: f64 = 4.0;
 /// A bit must stand out of the noise of one frame by this much to be of use.
@@ -72,6 +72,13 @@ pub struct TagModel {
 pub enum Verdict {
     /// The code that was expected, the whole exposure long.
     Expected {
+        /// Light relative to that of the frames the model was learned from.
+        light: f64,
+        /// Its standard error.
+        sigma: f64,
+    },
+    /// The code that was expected, in another light: dark for a part of the time, or after a lamp has changed.
+    OtherLight {
         /// Light relative to that of the frames the model was learned from.
         light: f64,
         /// Its standard error.
@@ -166,11 +173,13 @@ impl TagModel {
             let (share, sigma) = share_of(&self.contrast(other), &expected, &reading.contrast, &variance);
             share <= MIXTURE_SIGMAS * sigma + MIXTURE
         });
-        let steady = (seen / light - 1.0).abs() <= LIGHT_STEP.max(SIGMAS * sigma);
-        match (fits && pure && steady, information.is_finite() && information > 0.0) {
-            (_, false) => Verdict::Unreadable,
-            (true, true) => Verdict::Expected { light: seen, sigma },
-            (false, true) => Verdict::Other,
+        let readable = information.is_finite() && information > 0.0;
+        let steady = (seen / light - 1.0).abs() <= LIGHT_STEP + SIGMAS * sigma;
+        match (readable, fits && pure, steady) {
+            (false, ..) => Verdict::Unreadable,
+            (true, false, _) => Verdict::Other,
+            (true, true, true) => Verdict::Expected { light: seen, sigma },
+            (true, true, false) => Verdict::OtherLight { light: seen, sigma },
         }
     }
 }

@@ -127,18 +127,21 @@ impl AutomaticExposer {
 
     /// RMS of z_00 over cells and channels.
     fn constant_of(&self, pair: [&ResponseImage; 2]) -> f64 {
-        let [positive, negative] = pair.map(|image| self.cells.apply(image).rate);
+        let [positive, negative] = pair.map(|image| self.cells.apply(image));
         let grid = self.cells.grid();
         let (mut sum, mut n) = (0.0, 0.0);
-        for (i, (p, q)) in positive.iter().zip(&negative).enumerate() {
+        for i in 0..positive.rate.len() {
             let theta_o = grid.theta(i % grid.len() / grid.sectors());
-            let z = self.scale.at(&grid.zone(), theta_o, i / grid.len()) * (p - q) / self.gains[0];
-            if z.is_finite() {
-                sum += z * z;
+            let factor = self.scale.at(&grid.zone(), theta_o, i / grid.len()) / self.gains[0];
+            // The noise of the shortest exposure must not be taken for light.
+            let noise = positive.variance[i] + negative.variance[i];
+            let power = factor * factor * ((positive.rate[i] - negative.rate[i]).powi(2) - noise);
+            if power.is_finite() {
+                sum += power;
                 n += 1.0;
             }
         }
-        f64::sqrt(sum / f64::max(n, 1.0))
+        f64::sqrt(f64::max(sum, 0.0) / f64::max(n, 1.0))
     }
 }
 
