@@ -28,6 +28,7 @@ fn main() {
     let plan = Plan::of_order(4);
     let floor_s = plan.rig_time(&Timing::of(&rig)).total_s();
     println!("order 4, {} frames, floor {floor_s:.1} s", plan.frames());
+    let mut slow = false;
     for (name, mut bench, most) in
         [("triggered", twin().paced(), TRIGGERED), ("free-running", twin().paced().free_running(), FREE_RUNNING)]
     {
@@ -50,6 +51,7 @@ fn main() {
             capture.rejected,
             measured.record.post_s,
         );
-        assert!(wall_s / floor_s <= most, "{name} is slower than it may be");
+        slow |= wall_s / floor_s > most;
     }
+    assert!(!slow, "slower than it may be");
 }
