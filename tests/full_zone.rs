@@ -14,8 +14,6 @@ const ORDERS: [usize; 5] = [2, 4, 6, 8, 10];
 /// Noise of every coefficient, of z_00.
 const NOISE: f64 = 0.01;
 const SEEDS: u64 = 2;
-/// In the hole below 9 deg, 1.2% of the hemisphere, medians of the same 100 materials move by so much from draw to draw.
-const DRAWS: f64 = 0.03;
 /// Rounding where two methods are one.
 const SAME: f64 = 1e-9;
 
@@ -94,7 +92,7 @@ fn on_the_full_zone_no_linear_method_is_worse_than_the_literal_dual() {
                 got[0],
                 got[1]
             );
-            assert!(inside <= 1.0 && outside <= 1.0 + DRAWS, "{inside} {outside}");
+            assert!(inside <= 1.0 && outside <= 1.0, "{inside} {outside}");
         }
     }
 }

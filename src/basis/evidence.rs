@@ -6,6 +6,7 @@ use nalgebra::DVector;
 
 use super::conversion::{Conversion, ConversionError};
 use super::factor::{Factor, Key, factors};
+use super::family::Family;
 use super::harmonics::index;
 use super::method::{Method, Strength};
 use crate::geometry::Zone;
@@ -62,7 +63,7 @@ impl Evidence {
         // A dual that cannot be told apart does harm.
         let exact = method.is_tuned().then(|| Conversion::with_strength(method, zone, order, Strength::Exact));
         let harmless = matches!(exact, Some(Ok(c)) if c.noise_gain_out <= HARMLESS_GAIN);
-        let known = harmless.then(|| if curvature { Strength::gentle(sh_order) } else { Strength::Exact });
+        let known = harmless.then(|| if curvature { Strength::gentle(Family::Odd, sh_order) } else { Strength::Exact });
         Ok(Self { method, blocks, power, unreached: 0.0, data, spectra: 0, own, known })
     }
 

@@ -19,7 +19,8 @@ pub enum Method {
     Parity,
     /// The same up to a higher order, curvature held down.
     Tikhonov,
-    /// The dual basis of the hemispherical harmonics up to L over the zone (Gautron et al. 2004).
+    /// The dual basis of the hemispherical harmonics up to L over the zone (Gautron et al. 2004); where that lacks no more than
+    /// a hole at its pole, with curvature gently held down.
     Hsh,
 }
 
@@ -45,6 +46,8 @@ const CURVATURE: f64 = 1e-4;
 /// Orders `parity` may go beyond the zonal one while the zone tells its functions apart this well.
 const RAISED_ORDERS: usize = 4;
 const HARMLESS: f64 = 3.9;
+/// Hemispherical harmonics that a zone tells apart this well miss no more than a hole at its pole.
+const SUPPORTED: f64 = 10.0;
 /// Orders [`Method::Tikhonov`] goes beyond the zonal one.
 const SMOOTH_ORDERS: usize = 4;
 
@@ -102,12 +105,19 @@ impl Method {
     /// As [`super::Conversion::new`].
     pub fn strength(self, zone: Zone, order: usize) -> Result<Strength, ConversionError> {
         Ok(match self {
-            Method::Thesis | Method::Hsh => Strength::Exact,
+            Method::Thesis => Strength::Exact,
+            // A zone that lacks no more than a hole at its pole: what would ring there is held down.
+            Method::Hsh
+                if order > 1 && zone.theta_min() > 0.0 && gram_condition(zone, order, self.family())? < SUPPORTED =>
+            {
+                Strength::gentle(self.family(), order)
+            }
+            Method::Hsh => Strength::Exact,
             Method::Truncated => Strength::Cut(CUT),
             Method::Parity | Method::Slepian => {
                 let sh_order = self.sh_order(zone, order)?;
                 if sh_order > order + 1 {
-                    Strength::gentle(sh_order)
+                    Strength::gentle(Family::Odd, sh_order)
                 } else if self == Method::Parity {
                     Strength::Exact
                 } else {
@@ -127,9 +137,9 @@ impl Method {
 impl Strength {
     /// Curvature held down so little that at the highest order, `sh_order`, it weighs as much as the data: enough to keep
     /// functions beyond the zonal order from ringing where the zone ends.
-    pub(super) fn gentle(sh_order: usize) -> Self {
+    pub(super) fn gentle(family: Family, sh_order: usize) -> Self {
         let highest = (sh_order * (sh_order + 1)) as f64;
-        Strength::Curvature(Family::Odd.energy() / (highest * highest))
+        Strength::Curvature(family.energy() / (highest * highest))
     }
 
     /// What a component of singular value `s` is multiplied by, in a block whose largest is `largest`; 1/s unless held back.
