@@ -1,20 +1,19 @@
-//! Calibrations as files that a run copies in.
+//! All calibrations of a rig, which a run copies in.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
-use serde::{Deserialize, Serialize};
-
-use super::{CalibrateError, GrayCardCheck, procedures};
-use crate::capture::{Bench, Progress};
+use super::files::Folder;
+use super::gray_card::{self, Known};
+use super::header::{Acceptance, Header, Kind, Origin};
+use super::{CalibrateError, CameraFigures, GrayCardCheck, Reference, procedures};
+use crate::capture::{Bench, Progress, SensorMaps};
 use crate::optics::Rig;
-use crate::radiometry::{FlatField, Response};
-use crate::reduce::ChannelScale;
-use crate::store::{self, Layers, Plane, StoreError};
+use crate::radiometry::{ColourMatrix, ColourSpace, FlatField, Response};
+use crate::reduce::{ChannelScale, Coefficients};
+use crate::store::{self, StoreError};
 
-/// Version of the calibration files.
-const FORMAT: u32 = 1;
-
-/// All that a measurement uses beyond the nominal rig.
+/// All that a measurement uses beyond the nominal rig. What is `None` is not calibrated.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CalibrationSet {
     /// The projector's response.
@@ -25,144 +24,150 @@ pub struct CalibrationSet {
     pub scale: ChannelScale,
     /// What the gray card said of the rig.
     pub check: GrayCardCheck,
+    /// Stray light: coefficients in electrons per second, before the scale.
+    pub black_trap: Option<Coefficients>,
+    /// The camera's figures, used instead of the rig file's.
+    pub camera: Option<CameraFigures>,
+    /// The camera's single pixels.
+    pub maps: Option<SensorMaps>,
+    /// Colours of the projector as the camera sees them.
+    pub colour: Option<ColourMatrix>,
+    /// Heads of the files these come from.
+    pub headers: BTreeMap<Kind, Header>,
 }
-
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct ResponseFile {
-    format: u32,
-    rig: String,
-    /// White over black light.
-    contrast: f64,
-    /// Light above black of codes 0..=255, 0..1.
-    levels: Vec<f64>,
-}
-
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct GrayCardFile {
-    format: u32,
-    rig: String,
-    scale: ChannelScale,
-    check: GrayCardCheck,
-}
-
-const RESPONSE: &str = "response.json";
-const FLAT_FIELD: &str = "flat-field.exr";
-const GRAY_CARD: &str = "gray-card.json";
 
 impl CalibrationSet {
-    /// Makes all three calibrations on a bench: response, flat field, gray card of order 2.
+    /// Makes what every measurement needs on a bench: response, flat field, gray card of order 2.
     ///
     /// # Errors
     /// [`CalibrateError`].
     pub fn make(rig: &Rig, bench: &mut dyn Bench, progress: &mut Progress<'_>) -> Result<Self, CalibrateError> {
         let response = procedures::response(rig, bench)?;
         let flat = procedures::flat_field(rig, bench)?;
-        let (scale, check) =
-            procedures::gray_card(rig, bench, &procedures::gray_card_plan(rig), &response, &flat, progress)?;
-        Ok(Self { response, flat, scale, check })
+        let known = Known { response: &response, flat: &flat, maps: None, trap: None };
+        let plan = gray_card::gray_card_plan(rig);
+        let (scale, check) = gray_card::gray_card(rig, bench, &plan, known, &Reference::default(), progress)?;
+        Ok(Self {
+            response,
+            flat,
+            scale,
+            check,
+            black_trap: None,
+            camera: None,
+            maps: None,
+            colour: None,
+            headers: BTreeMap::new(),
+        })
     }
 
-    /// Reads the three files of a calibration folder.
+    /// The same set with the origin of all its parts.
+    pub fn made(mut self, rig: &Rig, origin: &Origin) -> Self {
+        self.headers = self.kinds().into_iter().map(|kind| (kind, Header::new(kind, rig, Some(origin)))).collect();
+        self
+    }
+
+    /// What it holds.
+    fn kinds(&self) -> Vec<Kind> {
+        let optional = [
+            (Kind::BlackTrap, self.black_trap.is_some()),
+            (Kind::Camera, self.camera.is_some()),
+            (Kind::CameraMaps, self.maps.is_some()),
+            (Kind::Colour, self.colour.is_some()),
+        ];
+        let there = optional.into_iter().filter(|o| o.1).map(|o| o.0);
+        [Kind::Response, Kind::FlatField, Kind::GrayCard].into_iter().chain(there).collect()
+    }
+
+    /// Reads a calibration folder, whatever its age and the devices it was made on.
     ///
     /// # Errors
-    /// [`CalibrateError::Store`] for a missing or damaged file, [`CalibrateError::OtherRig`] for a foreign one.
+    /// [`CalibrateError`] for a missing or damaged file or one of another rig.
     pub fn read(folder: &Path, rig: &Rig) -> Result<Self, CalibrateError> {
-        let gray_path = folder.join(GRAY_CARD);
-        let gray: GrayCardFile = store::read_versioned(&gray_path, FORMAT)?;
-        belongs(&gray_path, &gray.rig, rig)?;
-        let zone = rig.zone();
-        let positive =
-            |channel| [zone.theta_min(), zone.theta_max()].iter().all(|&t| gray.scale.at(&zone, t, channel) > 0.0);
-        if !(0..3).all(positive) {
-            return Err(
-                StoreError::invalid(&gray_path, "the scale of a channel is not positive: calibrate again").into()
-            );
-        }
-        let response = Self::read_response(folder, rig)?;
-        let flat = Self::read_flat_field(folder, rig)?;
-        Ok(Self { response, flat, scale: gray.scale, check: gray.check })
+        Self::read_for(folder, rig, &Acceptance::default())
     }
 
-    /// Writes the three files, creating the folder.
+    /// Reads a calibration folder whose files must be what `accept` says.
+    ///
+    /// # Errors
+    /// [`CalibrateError`].
+    pub fn read_for(folder: &Path, rig: &Rig, accept: &Acceptance) -> Result<Self, CalibrateError> {
+        let files = Folder { path: folder, rig, accept: *accept };
+        let mut headers = BTreeMap::new();
+        let (head, (scale, check)) = files.read_gray_card()?;
+        headers.insert(Kind::GrayCard, head);
+        let (head, response) = files.read_response()?;
+        headers.insert(Kind::Response, head);
+        let (head, flat) = files.read_flat_field()?;
+        headers.insert(Kind::FlatField, head);
+        fn part<T>(
+            headers: &mut BTreeMap<Kind, Header>,
+            kind: Kind,
+            file: Option<Result<(Header, T), CalibrateError>>,
+        ) -> Result<Option<T>, CalibrateError> {
+            let Some((head, content)) = file.transpose()? else { return Ok(None) };
+            headers.insert(kind, head);
+            Ok(Some(content))
+        }
+        let black_trap = part(&mut headers, Kind::BlackTrap, files.if_there(Kind::BlackTrap, Folder::read_black_trap))?;
+        let camera = part(&mut headers, Kind::Camera, files.if_there(Kind::Camera, Folder::read_camera))?;
+        let maps = part(&mut headers, Kind::CameraMaps, files.if_there(Kind::CameraMaps, Folder::read_maps))?;
+        let colour = part(&mut headers, Kind::Colour, files.if_there(Kind::Colour, Folder::read_colour))?;
+        Ok(Self { response, flat, scale, check, black_trap, camera, maps, colour, headers })
+    }
+
+    /// Writes all files, creating the folder.
     ///
     /// # Errors
     /// [`StoreError`].
     pub fn write(&self, folder: &Path, rig: &Rig) -> Result<(), StoreError> {
         store::create_dir(folder)?;
-        Self::write_response(&self.response, folder, rig)?;
-        Self::write_flat_field(&self.flat, folder, rig)?;
-        Self::write_gray_card(&self.scale, &self.check, folder, rig)
+        self.kinds().into_iter().try_for_each(|kind| self.write_part(kind, folder, rig))
     }
 
-    /// Reads `response.json`.
-    ///
-    /// # Errors
-    /// As [`CalibrationSet::read`].
-    pub fn read_response(folder: &Path, rig: &Rig) -> Result<Response, CalibrateError> {
-        let path = folder.join(RESPONSE);
-        let file: ResponseFile = store::read_versioned(&path, FORMAT)?;
-        belongs(&path, &file.rig, rig)?;
-        Response::from_levels(file.levels, file.contrast).map_err(|e| StoreError::invalid(&path, e.to_string()).into())
-    }
-
-    /// Writes `response.json`.
+    /// Writes one of its files, if there is one.
     ///
     /// # Errors
     /// [`StoreError`].
-    pub fn write_response(response: &Response, folder: &Path, rig: &Rig) -> Result<(), StoreError> {
-        let levels = (0..=255).map(|c| response.level(c)).collect();
-        let file = ResponseFile { format: FORMAT, rig: rig.name.clone(), contrast: response.contrast(), levels };
-        store::write_json(&folder.join(RESPONSE), &file)
+    pub fn write_part(&self, kind: Kind, folder: &Path, rig: &Rig) -> Result<(), StoreError> {
+        let files = Folder { path: folder, rig, accept: Acceptance::default() };
+        let head = self.headers.get(&kind).cloned().unwrap_or_else(|| Header::new(kind, rig, None));
+        match kind {
+            Kind::Response => files.write_response(&head, &self.response),
+            Kind::FlatField => files.write_flat_field(&head, &self.flat),
+            Kind::GrayCard => files.write_gray_card(&head, &self.scale, &self.check),
+            Kind::BlackTrap => self.black_trap.as_ref().map_or(Ok(()), |trap| files.write_black_trap(&head, trap)),
+            Kind::Camera => self.camera.as_ref().map_or(Ok(()), |camera| files.write_camera(&head, camera)),
+            Kind::CameraMaps => self.maps.as_ref().map_or(Ok(()), |maps| files.write_maps(&head, maps)),
+            Kind::Colour => self.colour.as_ref().map_or(Ok(()), |colour| files.write_colour(&head, colour)),
+        }
     }
 
-    /// Reads `flat-field.exr`.
-    ///
-    /// # Errors
-    /// As [`CalibrationSet::read`].
-    pub fn read_flat_field(folder: &Path, rig: &Rig) -> Result<FlatField, CalibrateError> {
-        let path = folder.join(FLAT_FIELD);
-        let image = Layers::read(&path)?;
-        belongs(&path, image.text("zonal_rig").unwrap_or("?"), rig)?;
-        let size = (image.width, image.height) == (rig.projector.width_px, rig.projector.height_px);
-        let values = image.get("Y").filter(|_| size);
-        let flat = values.and_then(|v| FlatField::from_light(image.width, image.height, v));
-        flat.ok_or_else(|| {
-            StoreError::invalid(&path, "not a positive plane `Y` of the panel's size: calibrate again").into()
-        })
-    }
-
-    /// Writes `flat-field.exr`.
+    /// Writes one of its files over that of another set, which goes if there is none in its place.
     ///
     /// # Errors
     /// [`StoreError`].
-    pub fn write_flat_field(flat: &FlatField, folder: &Path, rig: &Rig) -> Result<(), StoreError> {
-        let mut image = Layers::new(flat.width, flat.height);
-        image.plane("Y", Plane::Float(flat.values.clone()));
-        image.attribute("zonal_content", "light of each projector pixel at one code, relative to the brightest");
-        image.attribute("zonal_rig", rig.name.as_str());
-        image.write(&folder.join(FLAT_FIELD))
+    pub fn replace_part(&self, kind: Kind, folder: &Path, rig: &Rig) -> Result<(), StoreError> {
+        let path = folder.join(kind.file());
+        if !self.kinds().contains(&kind) && path.is_file() {
+            return std::fs::remove_file(&path).map_err(|source| StoreError::Write { path, source });
+        }
+        self.write_part(kind, folder, rig)
     }
 
-    /// Writes `gray-card.json`.
+    /// The rig with the camera's measured figures in place of those of its file.
+    pub fn rig(&self, rig: &Rig) -> Rig {
+        self.camera.as_ref().map_or_else(|| rig.clone(), |camera| camera.of_rig(rig))
+    }
+
+    /// What takes the camera's channels to the colours wanted; `None` where they are those.
     ///
     /// # Errors
-    /// [`StoreError`].
-    pub fn write_gray_card(
-        scale: &ChannelScale,
-        check: &GrayCardCheck,
-        folder: &Path,
-        rig: &Rig,
-    ) -> Result<(), StoreError> {
-        let file = GrayCardFile { format: FORMAT, rig: rig.name.clone(), scale: scale.clone(), check: check.clone() };
-        store::write_json(&folder.join(GRAY_CARD), &file)
+    /// [`CalibrateError::NoColour`] if the projector's are wanted and not calibrated, [`CalibrateError::Colour`].
+    pub fn to_colours(&self, space: ColourSpace) -> Result<Option<[[f64; 3]; 3]>, CalibrateError> {
+        match (space, &self.colour) {
+            (ColourSpace::Camera, _) => Ok(None),
+            (ColourSpace::Projector, Some(colour)) => Ok(Some(colour.inverse()?)),
+            (ColourSpace::Projector, None) => Err(CalibrateError::NoColour),
+        }
     }
-}
-
-fn belongs(path: &Path, found: &str, rig: &Rig) -> Result<(), CalibrateError> {
-    if found == rig.name {
-        return Ok(());
-    }
-    Err(CalibrateError::OtherRig { path: path.display().to_string(), found: found.into(), expected: rig.name.clone() })
 }

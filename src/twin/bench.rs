@@ -11,12 +11,13 @@ use super::clock::{RealClock, VirtualClock};
 use super::devices::{Devices, Truth, TwinCameraFactory, TwinProjectorFactory, World};
 use super::forward::{Accuracy, PatternLight, ResponseField};
 use super::geometry::InverseMap;
+use super::pixels::Pixels;
 use super::{Faults, PerturbedDevice, TwinConfig};
 use crate::calibrate::GRAY_CARD_ALBEDO;
 use crate::capture::{Bench, CameraFactory, CaptureError, Clock, Placement, ProjectorFactory, Triggering};
 use crate::geometry::{Direction, Sample, Zone};
 use crate::optics::{Lens, Rig};
-use crate::patterns::{Pattern, Rect, TagLayout};
+use crate::patterns::{Pattern, Primary, Rect, TagLayout};
 use crate::reflectance::{Brdf, Lambert};
 
 /// Pixels are integrated over this many samples along each side.
@@ -28,6 +29,9 @@ pub(super) struct Scene {
     config: TwinConfig,
     accuracy: Accuracy,
     sample: Arc<dyn Brdf>,
+    /// What [`Placement::GrayCard`] puts in place.
+    card: Arc<dyn Brdf>,
+    differences: Option<Pixels>,
     placement: Placement,
     projector: PerturbedDevice,
     inverse: InverseMap,
@@ -71,11 +75,14 @@ impl Scene {
             })
             .collect();
         let border = border(rig, projector.lens(), &lens);
+        let differences = Pixels::new(&config.sensor, config.seed, width * rig.camera.height_px);
         Self {
             rig: rig.clone(),
             config,
             accuracy,
             sample,
+            card: Arc::new(Lambert::gray(GRAY_CARD_ALBEDO)),
+            differences,
             placement: Placement::Sample,
             projector,
             inverse,
@@ -168,11 +175,14 @@ impl Scene {
         let hi = |c: f64, n: usize| ((c + edge).ceil() as usize).min(n);
         let (u0, v0) = (lo(lens.centre_u), lo(lens.centre_v));
         let (width, height) = (hi(lens.centre_u, p.width_px) - u0, hi(lens.centre_v, p.height_px) - v0);
-        let means: Vec<f64> = self.sequence.iter().map(|s| self.mean_light(s)).collect();
+        // Beside a coloured frame, what its dark primaries show.
+        let black = self.has_colours().then(|| Pattern::full(p.width_px, p.height_px, 0));
+        let frames: Vec<&Pattern> = self.sequence.iter().chain(&black).collect();
+        let means: Vec<f64> = frames.iter().map(|s| self.mean_light(s)).collect();
         let (lights, vignetting) = (self.code_lights(), self.vignetting());
-        PatternLight::new([u0, v0], [width, height], self.sequence.len(), |pattern, column, row| {
+        PatternLight::new([u0, v0], [width, height], frames.len(), |pattern, column, row| {
             let pixel = row * p.width_px + column;
-            let code = self.sequence[pattern].codes[pixel];
+            let code = frames[pattern].codes[pixel];
             (lights[usize::from(code)] * vignetting[pixel] + self.config.leakage * means[pattern]) as f32
         })
     }
@@ -187,6 +197,10 @@ impl Scene {
             return rates;
         }
         self.add_border(shown, &mut rates);
+        self.add_stray(shown, &mut rates);
+        if self.placement == Placement::BlackTrap {
+            return rates;
+        }
         if self.reflected.is_none() {
             self.reflected = Some(self.reflect());
         }
@@ -203,7 +217,7 @@ impl Scene {
         let white = (self.lamp_e_s() * self.config.border_radiance) as f32;
         let (lights, vignetting) = (self.code_lights().map(|l| l as f32), self.vignetting());
         let width = self.rig.camera.width_px;
-        let gains = self.config.channel_gains.map(|g| g as f32);
+        let gains = self.white_gains().map(|g| g as f32);
         for &(i, pixel, reach) in &self.border {
             let (column, row) = (i as usize % width, i as usize / width);
             let channels = self.rig.camera.mosaic.channels(column, row);
@@ -213,17 +227,59 @@ impl Scene {
         }
     }
 
+    /// Sensitivity of red, green and blue pixels to white light.
+    fn white_gains(&self) -> [f64; 3] {
+        std::array::from_fn(|c| self.config.channel_gains[c] * self.config.crosstalk[c].iter().sum::<f64>())
+    }
+
+    /// Mean light of a pattern over the panel's lit zone, in units of white.
+    fn zone_light(&self, pattern: &Pattern) -> f64 {
+        let (lights, vignetting) = (self.code_lights(), self.vignetting());
+        let map = self.rig.projector_map();
+        let (w, zone) = (self.rig.projector.width_px, self.rig.zone());
+        let lit = |p: &usize| {
+            let direction = map.direction((p % w) as f64 + 0.5, (p / w) as f64 + 0.5);
+            direction.is_some_and(|d| zone.contains(d.theta()))
+        };
+        let light = |p: usize| lights[usize::from(pattern.codes[p])] * vignetting[p];
+        let (sum, n) = (0..vignetting.len()).filter(lit).fold((0.0, 0usize), |(sum, n), p| (sum + light(p), n + 1));
+        sum / n.max(1) as f64
+    }
+
+    /// Stray light: smooth over the sensor, in proportion to the pattern's mean.
+    fn add_stray(&self, shown: usize, rates: &mut [f32]) {
+        if self.config.stray_share == 0.0 {
+            return;
+        }
+        let pattern = &self.sequence[shown];
+        let card = self.config.stray_share * self.lamp_e_s() * self.gray_card_radiance();
+        let lit = card * self.zone_light(pattern);
+        let unlit = card * self.code_lights()[0];
+        let c = &self.rig.camera;
+        for (i, rate) in rates.iter_mut().enumerate() {
+            let (column, row) = (i % c.width_px, i / c.width_px);
+            let x = 2.0 * (column as f64 + 0.5) / c.width_px as f64 - 1.0;
+            let y = 2.0 * (row as f64 + 0.5) / c.height_px as f64 - 1.0;
+            let profile = 1.0 + 0.3 * x + 0.2 * (1.0 - 3.0 * y * y);
+            let channels = c.mosaic.channels(column, row);
+            let light = |&channel: &usize| {
+                let shares = self.config.crosstalk[channel].iter().enumerate();
+                let seen = shares.map(|(p, share)| share * if pattern.light.lights(p) { lit } else { unlit });
+                self.config.channel_gains[channel] * seen.sum::<f64>()
+            };
+            *rate += (profile * channels.iter().map(light).sum::<f64>() / channels.len() as f64) as f32;
+        }
+    }
+
     /// What every pixel gets from the sample for every pattern of the sequence.
     fn reflect(&self) -> Vec<f32> {
-        let brdf: Arc<dyn Brdf> = match self.placement {
-            Placement::GrayCard => Arc::new(Lambert { albedo: [GRAY_CARD_ALBEDO; 3] }),
-            _ => self.sample.clone(),
-        };
+        let brdf = if self.placement == Placement::GrayCard { &self.card } else { &self.sample };
         let light = self.pattern_light();
         let field = ResponseField::new(brdf.as_ref(), &light, &self.inverse, self.dome, &self.accuracy);
         let lamp = self.lamp_e_s() / (PIXEL_SAMPLES * PIXEL_SAMPLES) as f64;
         let width = self.rig.camera.width_px;
         let patterns = self.sequence.len();
+        let coloured = self.has_colours();
         let mut reflected = vec![0.0; self.pixels.len() * patterns];
         reflected.par_chunks_mut(patterns).zip(&self.pixels).for_each(|(row, (i, directions))| {
             let (column, line) = (i % width, i / width);
@@ -232,11 +288,33 @@ impl Scene {
             for wo in directions {
                 for &c in channels {
                     let gain = self.config.channel_gains[c] / channels.len() as f64;
-                    field.add_radiance(wo, c, lamp * falloff * gain, row);
+                    for (p, share) in self.config.crosstalk[c].iter().enumerate().filter(|(_, share)| **share != 0.0) {
+                        let scale = lamp * falloff * gain * share;
+                        if coloured {
+                            self.add_coloured(&field, wo, p, scale, row);
+                        } else {
+                            field.add_radiance(wo, p, scale, row);
+                        }
+                    }
                 }
             }
         });
         reflected
+    }
+
+    /// Whether any frame is not white.
+    fn has_colours(&self) -> bool {
+        self.sequence.iter().any(|pattern| pattern.light != Primary::White)
+    }
+
+    /// Adds the light of one primary, which in patterns without it is that of the black frame at the end of `field`.
+    fn add_coloured(&self, field: &ResponseField, wo: &Direction<Sample>, primary: usize, scale: f64, row: &mut [f32]) {
+        let black = row.len();
+        let mut all = vec![0.0; black + 1];
+        field.add_radiance(wo, primary, scale, &mut all);
+        for ((sum, &lit), pattern) in row.iter_mut().zip(&all).zip(&self.sequence) {
+            *sum += if pattern.light.lights(primary) { lit } else { all[black] };
+        }
     }
 
     /// The white screen: both devices share one centre of projection, so a pixel sees one direction of the projector.
@@ -259,7 +337,7 @@ impl Scene {
             let falloff = ray.z.powi(4) * self.natural_falloff(&self.camera_lens, column, row);
             let gain: f64 = {
                 let channels = self.rig.camera.mosaic.channels(column, row);
-                channels.iter().map(|&c| self.config.channel_gains[c]).sum::<f64>() / channels.len() as f64
+                channels.iter().map(|&c| self.white_gains()[c]).sum::<f64>() / channels.len() as f64
             };
             *rate += (white * gain * light * falloff) as f32;
         }
@@ -288,19 +366,30 @@ impl Scene {
                 sum
             }
         };
-        let c = &self.rig.camera;
+        let (c, truth) = (&self.rig.camera, &self.config.sensor);
         let lamp = 1.0 + self.config.lamp_drift_per_min * time_s / 60.0;
         let (t, white) = (exposure_s as f32, f32::from(c.white_dn()));
         let (ambient, lamp) = (self.config.ambient_e_s as f32, lamp as f32);
-        let (gain, black, well) = (c.gain_dn_per_e as f32, c.black_level_dn as f32, c.full_well_e as f32);
-        let dark_variance = (c.dark_noise_e * c.dark_noise_e) as f32;
+        let (gain, black, well) = (
+            (c.gain_dn_per_e * truth.gain) as f32,
+            (c.black_level_dn + truth.black_level_dn) as f32,
+            (c.full_well_e * truth.full_well) as f32,
+        );
+        let dark_variance = (c.dark_noise_e * truth.dark_noise).powi(2) as f32;
+        let differences = self.differences.as_ref();
         let (seed, noise) = (self.config.seed, self.config.noise);
         let mut samples = vec![0u16; rates.len()];
         samples.par_chunks_mut(c.width_px).zip(rates.par_chunks(c.width_px)).enumerate().for_each(
             |(row, (samples, rates))| {
                 let mut rng = row_generator(seed, number, row as u64);
-                for (sample, &rate) in samples.iter_mut().zip(rates) {
-                    let mean = (ambient + (rate - ambient) * lamp) * t;
+                for (column, (sample, &rate)) in samples.iter_mut().zip(rates).enumerate() {
+                    let mut mean = (ambient + (rate - ambient) * lamp) * t;
+                    let mut offset = 0.0;
+                    if let Some(pixels) = differences {
+                        let at = row * c.width_px + column;
+                        mean = mean * pixels.response[at] + pixels.dark_e_s[at] * t;
+                        offset = pixels.offset_e[at];
+                    }
                     // Beside 10 electrons of dark noise, Poisson and normal shot noise cannot be told apart.
                     let noise = if noise {
                         let unit: f32 = StandardNormal.sample(&mut rng);
@@ -308,7 +397,7 @@ impl Scene {
                     } else {
                         0.0
                     };
-                    *sample = (black + gain * (mean + noise).min(well) + 0.5).clamp(0.0, white) as u16;
+                    *sample = (black + gain * (mean + noise + offset).min(well) + 0.5).clamp(0.0, white) as u16;
                 }
             },
         );
@@ -369,6 +458,17 @@ impl TwinBench {
             faults: Faults::default(),
             triggering: Triggering::Triggered,
         })
+    }
+
+    /// The same rig with another material on its gray card.
+    pub fn with_card(self, card: Arc<dyn Brdf>) -> Self {
+        self.changed(|world| world.scene.get_mut().unwrap_or_else(PoisonError::into_inner).card = card)
+    }
+
+    /// Sensor pixels of this rig that are hot, row by row: for tests.
+    pub fn hot_pixels(&self) -> Vec<bool> {
+        let scene = self.world.scene.lock().unwrap_or_else(PoisonError::into_inner);
+        scene.differences.as_ref().map_or_else(Vec::new, |d| d.dark_e_s.iter().map(|e| *e > 0.0).collect())
     }
 
     fn in_world(world: World) -> Self {

@@ -11,10 +11,11 @@ mod devices;
 mod faults;
 mod forward;
 mod geometry;
+mod pixels;
 
 pub use bench::TwinBench;
 pub use clock::{RealClock, VirtualClock};
-pub use config::{Perturbation, TwinConfig};
+pub use config::{Perturbation, SensorTruth, TwinConfig};
 pub use devices::Truth;
 pub use faults::Faults;
 pub use forward::{Accuracy, PatternLight, ResponseField, lobe_width};
