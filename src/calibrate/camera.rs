@@ -6,7 +6,7 @@ use super::CalibrateError;
 use crate::capture::{Bench, Crop, Placement, SensorMaps, capture_frames, capture_sequence};
 use crate::optics::Rig;
 use crate::patterns::{Pattern, Plan, Timing};
-use crate::radiometry::{DarkMaps, Level, LinearRange, MIN_STACK, PairMoments, PhotonTransfer};
+use crate::radiometry::{DarkMaps, Level, LinearRange, MIN_STACK, PairMoments, PhotonTransfer, TransferError};
 
 /// Codes tried, brightest first, until saturation takes long enough for fine steps.
 const CODES: [u8; 6] = [255, 180, 128, 90, 64, 45];
@@ -45,6 +45,22 @@ pub struct NoiseFigures {
     pub transfer: PhotonTransfer,
     /// Mean value in darkness, ambient light of the shortest exposure included.
     pub black_level_dn: f64,
+    /// Greatest mean of any level: with full wells, or where the converter ends. The noisiest level, which EMVA 1288 takes
+    /// for saturation, lies some noise below.
+    pub saturation_dn: f64,
+}
+
+impl NoiseFigures {
+    /// Figures from levels of light, with the black level if it is known better than from them.
+    ///
+    /// # Errors
+    /// [`TransferError`].
+    pub fn of(levels: &[Level], black_level_dn: Option<f64>) -> Result<Self, TransferError> {
+        let transfer = PhotonTransfer::of(levels)?;
+        let black_level_dn = black_level_dn.unwrap_or(transfer.dark_signal_dn);
+        let saturation_dn = levels.iter().map(|l| l.bright.mean_dn).fold(0.0, f64::max);
+        Ok(Self { transfer, black_level_dn, saturation_dn })
+    }
 }
 
 impl CameraFigures {
@@ -53,11 +69,11 @@ impl CameraFigures {
         let mut rig = rig.clone();
         let camera = &mut rig.camera;
         if let Some(noise) = &self.noise {
-            let PhotonTransfer { gain_dn_per_e, dark_noise_e, saturation_dn, .. } = noise.transfer;
+            let PhotonTransfer { gain_dn_per_e, dark_noise_e, .. } = noise.transfer;
             (camera.gain_dn_per_e, camera.dark_noise_e) = (gain_dn_per_e, dark_noise_e);
             camera.black_level_dn = noise.black_level_dn;
-            camera.full_well_e = (saturation_dn - noise.black_level_dn) / gain_dn_per_e;
-            camera.linear_limit_dn = camera.linear_limit_dn.min(saturation_dn);
+            camera.full_well_e = (noise.saturation_dn - noise.black_level_dn) / gain_dn_per_e;
+            camera.linear_limit_dn = camera.linear_limit_dn.min(noise.transfer.saturation_dn);
         }
         if let Some(range) = &self.linear_range {
             camera.linear_limit_dn = range.black_level_dn + USED * (range.end_dn - range.black_level_dn);
@@ -72,7 +88,7 @@ impl CameraFigures {
     pub(super) fn check(&self) -> Result<(), &'static str> {
         let noise = self.noise.as_ref().is_none_or(|n| {
             let t = &n.transfer;
-            [t.gain_dn_per_e, t.dark_noise_e, t.saturation_dn - n.black_level_dn].iter().all(|x| *x > 0.0)
+            [t.gain_dn_per_e, t.dark_noise_e, n.saturation_dn - n.black_level_dn].iter().all(|x| *x > 0.0)
         });
         let range = self.linear_range.as_ref().is_none_or(|r| r.end_dn > r.black_level_dn && r.slope_dn_per_s > 0.0);
         if noise && range { Ok(()) } else { Err("gain, dark noise or range is not positive: calibrate again") }
@@ -90,8 +106,7 @@ pub fn noise(rig: &Rig, bench: &mut dyn Bench) -> Result<(CameraFigures, SensorM
     let mut black: Vec<f32> = (0..zone.len()).map(|p| maps.black_dn[index(&maps, zone, p)]).collect();
     black.sort_by(f32::total_cmp);
     let (levels, range) = series(rig, bench)?;
-    let transfer = PhotonTransfer::of(&levels)?;
-    let noise = NoiseFigures { transfer, black_level_dn: f64::from(black[black.len() / 2]) };
+    let noise = NoiseFigures::of(&levels, Some(f64::from(black[black.len() / 2])))?;
     Ok((CameraFigures { noise: Some(noise), linear_range: Some(range) }, maps))
 }
 

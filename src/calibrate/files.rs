@@ -30,6 +30,16 @@ struct ResponseFile {
     contrast: f64,
     /// Light above black of codes 0..=255, 0..1.
     levels: Vec<f64>,
+    /// The same of red, green and blue alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    channels: Option<[ChannelFile; 3]>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ChannelFile {
+    contrast: f64,
+    levels: Vec<f64>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -70,19 +80,34 @@ impl Folder<'_> {
     ///
     /// # Errors
     /// [`CalibrateError`], as for all files here.
-    pub fn read_response(&self) -> Read<Response> {
+    pub fn read_response(&self) -> Read<(Response, Option<[Response; 3]>)> {
         let (head, file) = self.json::<ResponseFile>(Kind::Response)?;
-        let response = Response::from_levels(file.levels, file.contrast);
-        Ok((head, response.map_err(|e| StoreError::invalid(&self.file(Kind::Response), e.to_string()))?))
+        let curve = |levels, contrast| {
+            let curve = Response::from_levels(levels, contrast);
+            curve.map_err(|e| StoreError::invalid(&self.file(Kind::Response), e.to_string()))
+        };
+        let channels = match file.channels.map(|all| all.map(|c| curve(c.levels, c.contrast))) {
+            Some([red, green, blue]) => Some([red?, green?, blue?]),
+            None => None,
+        };
+        Ok((head, (curve(file.levels, file.contrast)?, channels)))
     }
 
     /// Writes `response.json`.
     ///
     /// # Errors
     /// [`StoreError`], as for all files here.
-    pub fn write_response(&self, head: &Header, response: &Response) -> Result<(), StoreError> {
-        let levels = (0..=255).map(|c| response.level(c)).collect();
-        head.write_json(&self.file(Kind::Response), &ResponseFile { contrast: response.contrast(), levels })
+    pub fn write_response(
+        &self,
+        head: &Header,
+        response: &Response,
+        channels: Option<&[Response; 3]>,
+    ) -> Result<(), StoreError> {
+        let levels = |response: &Response| (0..=255).map(|c| response.level(c)).collect();
+        let channel = |c: &Response| ChannelFile { contrast: c.contrast(), levels: levels(c) };
+        let channels = channels.map(|all| all.each_ref().map(|c| channel(c)));
+        let file = ResponseFile { contrast: response.contrast(), levels: levels(response), channels };
+        head.write_json(&self.file(Kind::Response), &file)
     }
 
     /// Reads `flat-field.exr`.

@@ -15,24 +15,33 @@ const FLAT_FIELD_SHOTS: usize = 4;
 /// Standard deviation of the filter that smooths the flat field, projector pixels.
 const FLAT_FIELD_SMOOTHING_PX: f64 = 4.0;
 
-/// Measures the projector's response: full frames of every fifth code on the gray card, the mean light of the zone.
+/// Measures the projector's response: full frames of every fifth code on the gray card, the mean light of the zone over all
+/// pixels, which is what patterns are encoded with, and over those of red, green and blue.
 ///
 /// # Errors
 /// [`CalibrateError`].
-pub fn response(rig: &Rig, bench: &mut dyn Bench) -> Result<Response, CalibrateError> {
+pub fn response(rig: &Rig, bench: &mut dyn Bench) -> Result<(Response, [Response; 3]), CalibrateError> {
     bench.place(Placement::GrayCard)?;
     let codes: Vec<u8> = (0..=255).step_by(CODE_STEP).collect();
     let full = |&code: &u8| Pattern::full(rig.projector.width_px, rig.projector.height_px, code);
     let patterns: Vec<Pattern> = codes.iter().map(full).collect();
     let exposures = Plan::of_order(0).exposures_s(&Timing::of(rig));
     let images = capture_sequence(rig, bench, &patterns, &exposures, Crop::of_zone(rig))?;
-    let points: Vec<(u8, f64)> = codes.into_iter().zip(images.iter().map(mean_rate)).collect();
-    Ok(Response::from_points(&points)?)
+    let curve = |channel: Option<usize>| {
+        let light = images.iter().map(|image| mean_rate(rig, image, channel));
+        Response::from_points(&codes.iter().copied().zip(light).collect::<Vec<_>>())
+    };
+    Ok((curve(None)?, [curve(Some(0))?, curve(Some(1))?, curve(Some(2))?]))
 }
 
-fn mean_rate(image: &ResponseImage) -> f64 {
-    let usable = image.rate.iter().filter(|r| !r.is_nan());
-    let (sum, n) = usable.fold((0.0, 0usize), |(s, n), &r| (s + f64::from(r), n + 1));
+/// Mean over the pixels of a channel, or over all.
+fn mean_rate(rig: &Rig, image: &ResponseImage, channel: Option<usize>) -> f64 {
+    let counts = |p: usize| {
+        let (column, row) = image.crop.sensor_pixel(p);
+        channel.is_none_or(|c| rig.camera.mosaic.channels(column, row).contains(&c))
+    };
+    let usable = image.rate.iter().enumerate().filter(|(p, r)| !r.is_nan() && counts(*p));
+    let (sum, n) = usable.fold((0.0, 0usize), |(s, n), (_, &r)| (s + f64::from(r), n + 1));
     sum / n as f64
 }
 

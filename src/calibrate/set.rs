@@ -18,6 +18,8 @@ use crate::store::{self, StoreError};
 pub struct CalibrationSet {
     /// The projector's response.
     pub response: Response,
+    /// The same as red, green and blue pixels see it.
+    pub channels: Option<[Response; 3]>,
     /// The projector's flat field.
     pub flat: FlatField,
     /// Scale of the channels.
@@ -42,13 +44,14 @@ impl CalibrationSet {
     /// # Errors
     /// [`CalibrateError`].
     pub fn make(rig: &Rig, bench: &mut dyn Bench, progress: &mut Progress<'_>) -> Result<Self, CalibrateError> {
-        let response = procedures::response(rig, bench)?;
+        let (response, channels) = procedures::response(rig, bench)?;
         let flat = procedures::flat_field(rig, bench)?;
         let known = Known { response: &response, flat: &flat, maps: None, trap: None };
         let plan = gray_card::gray_card_plan(rig);
         let (scale, check) = gray_card::gray_card(rig, bench, &plan, known, &Reference::default(), progress)?;
         Ok(Self {
             response,
+            channels: Some(channels),
             flat,
             scale,
             check,
@@ -95,7 +98,7 @@ impl CalibrationSet {
         let mut headers = BTreeMap::new();
         let (head, (scale, check)) = files.read_gray_card()?;
         headers.insert(Kind::GrayCard, head);
-        let (head, response) = files.read_response()?;
+        let (head, (response, channels)) = files.read_response()?;
         headers.insert(Kind::Response, head);
         let (head, flat) = files.read_flat_field()?;
         headers.insert(Kind::FlatField, head);
@@ -112,7 +115,7 @@ impl CalibrationSet {
         let camera = part(&mut headers, Kind::Camera, files.if_there(Kind::Camera, Folder::read_camera))?;
         let maps = part(&mut headers, Kind::CameraMaps, files.if_there(Kind::CameraMaps, Folder::read_maps))?;
         let colour = part(&mut headers, Kind::Colour, files.if_there(Kind::Colour, Folder::read_colour))?;
-        Ok(Self { response, flat, scale, check, black_trap, camera, maps, colour, headers })
+        Ok(Self { response, channels, flat, scale, check, black_trap, camera, maps, colour, headers })
     }
 
     /// Writes all files, creating the folder.
@@ -132,7 +135,7 @@ impl CalibrationSet {
         let files = Folder { path: folder, rig, accept: Acceptance::default() };
         let head = self.headers.get(&kind).cloned().unwrap_or_else(|| Header::new(kind, rig, None));
         match kind {
-            Kind::Response => files.write_response(&head, &self.response),
+            Kind::Response => files.write_response(&head, &self.response, self.channels.as_ref()),
             Kind::FlatField => files.write_flat_field(&head, &self.flat),
             Kind::GrayCard => files.write_gray_card(&head, &self.scale, &self.check),
             Kind::BlackTrap => self.black_trap.as_ref().map_or(Ok(()), |trap| files.write_black_trap(&head, trap)),
@@ -149,7 +152,7 @@ impl CalibrationSet {
     pub fn replace_part(&self, kind: Kind, folder: &Path, rig: &Rig) -> Result<(), StoreError> {
         let path = folder.join(kind.file());
         if !self.kinds().contains(&kind) && path.is_file() {
-            return std::fs::remove_file(&path).map_err(|source| StoreError::Write { path, source });
+            return store::remove(&path);
         }
         self.write_part(kind, folder, rig)
     }

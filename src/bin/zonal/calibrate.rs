@@ -13,7 +13,7 @@ use zonal::calibrate::{
 use zonal::capture::{Placement, SensorMaps};
 use zonal::optics::Rig;
 use zonal::patterns::{Exitant, Plan};
-use zonal::radiometry::LinearRange;
+use zonal::radiometry::{LinearRange, Response};
 use zonal::reduce::Coefficients;
 use zonal::reflectance::Brdf;
 use zonal::store::{self, StoreError};
@@ -166,10 +166,12 @@ impl<'a> Job<'a> {
     }
 
     fn response(&self, bench: &mut TwinBench) -> anyhow::Result<Report> {
-        let response = response(&self.measured, bench)?;
-        self.write(|f| f.write_response(&self.header(Part::Response), &response))?;
-        let text = format!("contrast {:.1}:1", response.contrast());
-        let json = json!({ "kind": "response", "contrast": response.contrast() });
+        let (response, channels) = response(&self.measured, bench)?;
+        self.write(|f| f.write_response(&self.header(Part::Response), &response, Some(&channels)))?;
+        let [red, green, blue] = channels.each_ref().map(Response::contrast);
+        let contrast = response.contrast();
+        let text = format!("contrast {contrast:.1}:1 (red {red:.1}, green {green:.1}, blue {blue:.1})");
+        let json = json!({ "kind": "response", "contrast": contrast, "channel_contrast": [red, green, blue] });
         Ok(self.report(&text, Part::Response, json))
     }
 
@@ -233,7 +235,7 @@ impl<'a> Job<'a> {
         measure: impl FnOnce(Known<'_>) -> anyhow::Result<T>,
     ) -> anyhow::Result<T> {
         let needs = "this needs `zonal calibrate response` and `flat-field` in the same --out first";
-        let (_, response) = self.files().read_response().context(needs)?;
+        let (_, (response, _)) = self.files().read_response().context(needs)?;
         let (_, flat) = self.files().read_flat_field().context(needs)?;
         measure(Known { response: &response, flat: &flat, maps: self.maps.as_ref(), trap })
     }
@@ -253,8 +255,8 @@ impl<'a> Job<'a> {
         let folder = description.parent().unwrap_or_else(|| Path::new("."));
         let name = || description.display().to_string();
         let read = EmvaDescription::read(description).with_context(name)?;
-        let transfer = read.photon_transfer(folder).with_context(name)?;
-        let noise = NoiseFigures { transfer, black_level_dn: transfer.dark_signal_dn };
+        let levels = read.levels(folder).with_context(name)?;
+        let noise = NoiseFigures::of(&levels, None).with_context(name)?;
         let figures = CameraFigures { noise: Some(noise), linear_range: None };
         self.write(|f| f.write_camera(&self.header(Part::Camera), &figures))?;
         Ok(self.of_figures("noise", &figures, None))
@@ -282,7 +284,7 @@ impl<'a> Job<'a> {
                 t.gain_dn_per_e,
                 t.dark_noise_e,
                 noise.black_level_dn,
-                t.saturation_dn,
+                noise.saturation_dn,
                 100.0 * t.linearity_error_rel
             ));
         }
