@@ -74,6 +74,7 @@ fn the_camera_is_found_again() {
         hot_e_s: 5e3,
         dsnu_e: 2.0,
         prnu_rel: 0.005,
+        seed: 7,
     };
     let config = TwinConfig { sensor: truth, ..TwinConfig::pinhole(5) };
     let mut bench = bench(&config);

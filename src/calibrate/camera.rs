@@ -16,8 +16,8 @@ const FINE_ENOUGH: f64 = 80.0;
 const BEYOND: f64 = 1.15;
 /// Longer series tried where a sensor holds more than its file says.
 const ATTEMPTS: usize = 3;
-/// Pixels of most equal light that a series is made of: their variance is then known to 1.6%.
-const PIXELS: usize = 8192;
+/// Pixels of most equal light that a series is made of: the variance of a level is then known to 1.1%.
+const PIXELS: usize = 16384;
 /// Deviation from a line at which the linear range ends.
 const DEVIATION: f64 = 0.005;
 /// Share of the linear range that is used: single samples scatter about the mean that was judged.

@@ -75,7 +75,7 @@ impl Scene {
             })
             .collect();
         let border = border(rig, projector.lens(), &lens);
-        let differences = Pixels::new(&config.sensor, config.seed, width * rig.camera.height_px);
+        let differences = Pixels::new(&config.sensor, width * rig.camera.height_px);
         Self {
             rig: rig.clone(),
             config,

@@ -101,6 +101,8 @@ pub struct SensorTruth {
     pub dsnu_e: f64,
     /// Relative standard deviation of the response between pixels.
     pub prnu_rel: f64,
+    /// Seed of the differences between pixels, which stay when the noise changes.
+    pub seed: u64,
 }
 
 impl Default for SensorTruth {
@@ -115,6 +117,7 @@ impl Default for SensorTruth {
             hot_e_s: 0.0,
             dsnu_e: 0.0,
             prnu_rel: 0.0,
+            seed: 0,
         }
     }
 }

@@ -6,9 +6,6 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::SensorTruth;
 
-/// What sets the pixels' seed apart from that of their noise.
-const PIXELS: u64 = 0x5E45_0125;
-
 /// One value for each pixel of the sensor.
 pub(super) struct Pixels {
     /// Signal without light, electrons.
@@ -20,12 +17,12 @@ pub(super) struct Pixels {
 }
 
 impl Pixels {
-    /// Pixels as a seed makes them; `None` where all are alike.
-    pub fn new(truth: &SensorTruth, seed: u64, count: usize) -> Option<Self> {
+    /// Pixels as their seed makes them; `None` where all are alike.
+    pub fn new(truth: &SensorTruth, count: usize) -> Option<Self> {
         if truth.hot_share == 0.0 && truth.dsnu_e == 0.0 && truth.prnu_rel == 0.0 {
             return None;
         }
-        let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed ^ PIXELS);
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(truth.seed);
         let mut normal = |sigma: f64| -> Vec<f32> {
             (0..count).map(|_| (sigma * Distribution::<f64>::sample(&StandardNormal, &mut rng)) as f32).collect()
         };

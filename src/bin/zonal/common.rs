@@ -231,6 +231,7 @@ pub fn exit_code(error: &anyhow::Error) -> ExitCode {
             || matches!(cause.downcast_ref(), Some(MeasureError::Capture(e)) if device(e))
             || matches!(cause.downcast_ref(), Some(CalibrateError::Capture(e)) if device(e))
             || matches!(cause.downcast_ref(), Some(CalibrateError::DarkFlatField | CalibrateError::DarkGrayCard))
+            || matches!(cause.downcast_ref(), Some(CalibrateError::Transfer(_) | CalibrateError::Linearity(_)))
             || matches!(cause.downcast_ref(), Some(ReduceError::Incomplete { .. }))
     });
     if failed { ExitCode::from(1) } else { ExitCode::from(2) }
