@@ -225,25 +225,49 @@ fn levels(
     let pairs = refreshes.iter().flat_map(|&n| [f64::from(n) / p.refresh_hz; 2]);
     let exposures_s: Vec<f64> = pairs.collect();
     let mut frames = vec![Vec::new(); 2 * exposures_s.len()];
-    let mut light_s = vec![0.0; exposures_s.len()];
+    let mut lamp = vec![1.0; exposures_s.len()];
     capture_frames(rig, bench, &patterns, &exposures_s, Crop::of_zone(rig), &mut |i, j, taken| {
         frames[i * exposures_s.len() + j] = pixels.iter().map(|&p| taken.samples[p]).collect::<Vec<u16>>();
         if i == 0 {
-            light_s[j] = taken.exposure_s * taken.light;
+            lamp[j] = taken.light;
         }
     })?;
+    let lamp = drift(&lamp);
     let pair = |at: usize| PairMoments::of(&frames[at], &frames[at + 1]);
     (0..refreshes.len())
         .map(|n| {
-            let light = (light_s[2 * n] + light_s[2 * n + 1]) / 2.0;
+            let light = exposures_s[2 * n] * (lamp[2 * n] + lamp[2 * n + 1]) / 2.0;
             Ok(Level { light, bright: pair(2 * n)?, dark: pair(exposures_s.len() + 2 * n)? })
         })
         .collect()
 }
 
+/// The line through the lamp's light from frame to frame: what a single frame says of it would bend the response.
+fn drift(light: &[f64]) -> Vec<f64> {
+    let n = light.len() as f64;
+    let middle = (n - 1.0) / 2.0;
+    let mean = light.iter().sum::<f64>() / n;
+    let (mut rise, mut run) = (0.0, 0.0);
+    for (i, l) in light.iter().enumerate() {
+        let x = i as f64 - middle;
+        rise += x * (l - mean);
+        run += x * x;
+    }
+    let slope = if run > 0.0 { rise / run } else { 0.0 };
+    (0..light.len()).map(|i| mean + slope * (i as f64 - middle)).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_drift_is_kept_and_its_noise_is_not() {
+        let line = [1.0, 1.01, 1.02, 1.03];
+        drift(&line).iter().zip(line).for_each(|(got, want)| assert!((got - want).abs() < 1e-12));
+        let noisy = drift(&[1.0, 1.02, 1.0, 1.02, 1.0]);
+        assert!(noisy.iter().all(|l| (l - 1.008).abs() < 1e-12), "{noisy:?}");
+    }
 
     #[test]
     fn steps_are_fine_about_saturation() {

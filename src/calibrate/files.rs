@@ -105,7 +105,7 @@ impl Folder<'_> {
     ) -> Result<(), StoreError> {
         let levels = |response: &Response| (0..=255).map(|c| response.level(c)).collect();
         let channel = |c: &Response| ChannelFile { contrast: c.contrast(), levels: levels(c) };
-        let channels = channels.map(|all| all.each_ref().map(|c| channel(c)));
+        let channels = channels.map(|all| all.each_ref().map(channel));
         let file = ResponseFile { contrast: response.contrast(), levels: levels(response), channels };
         head.write_json(&self.file(Kind::Response), &file)
     }
