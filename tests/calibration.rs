@@ -14,7 +14,12 @@ use zonal::radiometry::ColourSpace;
 use zonal::reflectance::{Ggx, Lambert, open};
 use zonal::twin::{SensorTruth, TwinBench, TwinConfig};
 
-static COARSE: LazyLock<Rig> = LazyLock::new(|| common::coarse(common::rig("ghosh-2007-built"), 3));
+/// Pixels four times as wide: what does not depend on their number is tested faster.
+static COARSE: LazyLock<Rig> = LazyLock::new(|| common::coarse(common::rig("ghosh-2007-built"), 4));
+/// Twice as wide: figures of a camera come from many pixels.
+static FINER: LazyLock<Rig> = LazyLock::new(|| common::coarse(common::rig("ghosh-2007-built"), 2));
+
+static QUIET: LazyLock<CalibrationSet> = LazyLock::new(|| common::calibrated(&COARSE, &quiet()));
 
 fn quiet() -> TwinConfig {
     TwinConfig::pinhole(1).noiseless()
@@ -77,10 +82,10 @@ fn the_camera_is_found_again() {
         seed: 7,
     };
     let config = TwinConfig { sensor: truth, ..TwinConfig::pinhole(5) };
-    let mut bench = bench(&config);
-    let (figures, maps) = noise(&COARSE, &mut bench).unwrap();
-    let found = figures.of_rig(&COARSE).camera;
-    let c = &COARSE.camera;
+    let mut bench = TwinBench::new(&FINER, config.clone(), open("gray-card").unwrap());
+    let (figures, maps) = noise(&FINER, &mut bench).unwrap();
+    let found = figures.of_rig(&FINER).camera;
+    let c = &FINER.camera;
     let saturation = c.black_level_dn + 5.0 + c.gain_dn_per_e * 1.12 * c.full_well_e * 0.8;
     let measured = figures.noise.as_ref().unwrap();
     let off = |found: f64, true_: f64| (found / true_ - 1.0).abs();
@@ -92,10 +97,10 @@ fn the_camera_is_found_again() {
     assert!(off(found.linear_limit_dn, saturation) < RANGE && found.linear_limit_dn < saturation, "{found:?}");
     assert!(measured.transfer.linearity_error_rel < 0.005, "{measured:?}");
 
-    let crop = zonal::capture::Crop::of_zone(&COARSE);
+    let crop = zonal::capture::Crop::of_zone(&FINER);
     let hot = bench.hot_pixels();
     let zone: Vec<usize> =
-        (0..crop.len()).map(|p| crop.sensor_pixel(p)).map(|(u, v)| v * COARSE.camera.width_px + u).collect();
+        (0..crop.len()).map(|p| crop.sensor_pixel(p)).map(|(u, v)| v * FINER.camera.width_px + u).collect();
     let all = zone.iter().filter(|&&i| hot[i]).count();
     let masked = zone.iter().filter(|&&i| hot[i] && maps.bad[i]).count();
     let wrong = zone.iter().filter(|&&i| !hot[i] && maps.bad[i]).count();
@@ -103,9 +108,9 @@ fn the_camera_is_found_again() {
     assert!(all > 20 && masked == all && wrong < 5, "{masked} of {all}, {wrong}");
 
     // Measured with its own figures, the camera sees the gray card as it is; with the file's, its range is overrun.
-    let mut set = common::calibrated(&figures.of_rig(&COARSE), &config);
+    let mut set = CalibrationSet::make(&figures.of_rig(&FINER), &mut bench, &mut |_, _| ()).unwrap();
     (set.camera, set.maps) = (Some(figures), Some(maps));
-    let measured = common::run(&COARSE, &gray_card_plan(&COARSE), &config, &set, open("gray-card").unwrap());
+    let measured = common::run(&FINER, &gray_card_plan(&FINER), &config, &set, open("gray-card").unwrap());
     let check = GrayCardCheck::new(&measured.coefficients, GRAY_CARD_ALBEDO);
     assert!(check.worst_error < WITH_TRAP, "{check:?}");
 }
@@ -153,12 +158,12 @@ const REFERENCE: f64 = 5e-3;
 fn a_reference_that_shines_sets_the_same_scale() {
     let coated = Arc::new(Ggx::isotropic(0.4, [0.05; 3]).on_lambert(1.0, [0.18; 3]));
     let config = quiet();
-    let set = common::calibrated(&COARSE, &config);
+    let set = &*QUIET;
     let mut bench = bench(&config).with_card(coated.clone());
     let plan = gray_card_plan(&COARSE);
     let reference = Reference::of("coated card", coated, 1.0);
     let mut worst = |reference: &Reference| {
-        let (scale, check) = gray_card(&COARSE, &mut bench, &plan, known(&set), reference, &mut |_, _| ()).unwrap();
+        let (scale, check) = gray_card(&COARSE, &mut bench, &plan, known(set), reference, &mut |_, _| ()).unwrap();
         let zone = COARSE.zone();
         let at = |f: f64| zone.theta_min() + f * (zone.theta_max() - zone.theta_min());
         let off = |f: f64| (scale.at(&zone, at(f), 1) / set.scale.at(&zone, at(f), 1) - 1.0).abs();
@@ -173,10 +178,9 @@ fn a_reference_that_shines_sets_the_same_scale() {
 
 #[test]
 fn sets_survive_their_files() {
-    let config = TwinConfig::pinhole(9);
-    let rig = common::coarse(common::rig("ghosh-2007-built"), 4);
+    let rig = COARSE.clone();
     let origin = Origin { date: "2026-05-01T08:30:00Z".parse().unwrap(), devices: Devices::Simulated { seed: 9 } };
-    let set = common::calibrated(&rig, &config).made(&rig, &origin);
+    let set = QUIET.clone().made(&rig, &origin);
     let folder = tempfile::tempdir().unwrap();
     set.write(folder.path(), &rig).unwrap();
     let accept = Acceptance { simulated: Some(true), freshness: None };
