@@ -1,5 +1,6 @@
 //! `zonal calibrate`.
 
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -114,8 +115,10 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     if !args.simulate {
         return Err(common::no_devices());
     }
-    let names: Vec<String> = args.kind.placements().iter().map(Placement::to_string).collect();
-    eprintln!("this needs in place: {}", names.join(", then "));
+    if std::io::stderr().is_terminal() {
+        let names: Vec<String> = args.kind.placements().iter().map(Placement::to_string).collect();
+        eprintln!("this needs in place: {}", names.join(", then "));
+    }
     let job = Job::new(args, rig, Devices::Simulated { seed: args.seed })?;
     let mut bench = job.bench()?;
     match args.kind {
