@@ -18,6 +18,8 @@ const BEYOND: f64 = 1.15;
 const ATTEMPTS: usize = 3;
 /// Pixels of most equal light that a series is made of: the variance of a level is then known to 1.1%.
 const PIXELS: usize = 16384;
+/// The most equal of those, from which the linear range is found: they saturate together.
+const EQUAL: usize = 2048;
 /// Deviation from a line at which the linear range ends.
 const DEVIATION: f64 = 0.005;
 /// Share of the linear range that is used: single samples scatter about the mean that was judged.
@@ -157,8 +159,7 @@ fn series(rig: &Rig, bench: &mut dyn Bench) -> Result<(Vec<Level>, LinearRange),
     let (code, mut refreshes, pixels) = even_light(rig, bench)?;
     let mut attempt = 1;
     loop {
-        let levels = levels(rig, bench, code, &steps(refreshes), &pixels)?;
-        let points: Vec<(f64, f64)> = levels.iter().map(|l| (l.light, l.bright.mean_dn)).collect();
+        let (levels, points) = levels(rig, bench, code, &steps(refreshes), &pixels)?;
         let range = LinearRange::of(&points, DEVIATION)?;
         if range.ends || attempt == ATTEMPTS {
             return Ok((levels, range));
@@ -168,7 +169,7 @@ fn series(rig: &Rig, bench: &mut dyn Bench) -> Result<(Vec<Level>, LinearRange),
     }
 }
 
-/// A code and the refresh periods in which it should saturate, and the pixels that get most equal light from it.
+/// A code and the refresh periods in which it should saturate, and the pixels that get most equal light from it, the most equal first.
 fn even_light(rig: &Rig, bench: &mut dyn Bench) -> Result<(u8, f64, Vec<usize>), CalibrateError> {
     let (p, c) = (&rig.projector, &rig.camera);
     let patterns: Vec<Pattern> = CODES.iter().map(|&code| Pattern::full(p.width_px, p.height_px, code)).collect();
@@ -195,8 +196,6 @@ fn even_light(rig: &Rig, bench: &mut dyn Bench) -> Result<(u8, f64, Vec<usize>),
     let mut order: Vec<usize> = (0..rate.len()).filter(|&p| rate[p].is_finite()).collect();
     order.sort_by(|&a, &b| (rate[a] - middle).abs().total_cmp(&(rate[b] - middle).abs()));
     order.truncate(PIXELS.min(order.len() / 4));
-    // Ascending again: neighbours in memory.
-    order.sort_unstable();
     Ok((code, refreshes, order))
 }
 
@@ -212,14 +211,14 @@ fn steps(saturating: f64) -> Vec<u32> {
     all
 }
 
-/// A pair of frames under light and one of black frames for each exposure.
+/// A pair of frames under light and one of black frames for each exposure; and light and mean of the most equal pixels.
 fn levels(
     rig: &Rig,
     bench: &mut dyn Bench,
     code: u8,
     refreshes: &[u32],
     pixels: &[usize],
-) -> Result<Vec<Level>, CalibrateError> {
+) -> Result<(Vec<Level>, Vec<(f64, f64)>), CalibrateError> {
     let p = &rig.projector;
     let patterns = [code, 0].map(|code| Pattern::full(p.width_px, p.height_px, code));
     let pairs = refreshes.iter().flat_map(|&n| [f64::from(n) / p.refresh_hz; 2]);
@@ -234,12 +233,16 @@ fn levels(
     })?;
     let lamp = drift(&lamp);
     let pair = |at: usize| PairMoments::of(&frames[at], &frames[at + 1]);
+    let equal = EQUAL.min(pixels.len() / 4).max(2);
     (0..refreshes.len())
         .map(|n| {
             let light = exposures_s[2 * n] * (lamp[2 * n] + lamp[2 * n + 1]) / 2.0;
-            Ok(Level { light, bright: pair(2 * n)?, dark: pair(exposures_s.len() + 2 * n)? })
+            let point = PairMoments::of(&frames[2 * n][..equal], &frames[2 * n + 1][..equal])?.mean_dn;
+            let level = Level { light, bright: pair(2 * n)?, dark: pair(exposures_s.len() + 2 * n)? };
+            Ok((level, (light, point)))
         })
-        .collect()
+        .collect::<Result<Vec<_>, CalibrateError>>()
+        .map(|all| all.into_iter().unzip())
 }
 
 /// The line through the lamp's light from frame to frame: what a single frame says of it would bend the response.
