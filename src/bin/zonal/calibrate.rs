@@ -110,7 +110,7 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     }
     if let Some(description) = &args.emva {
         let job = Job::new(args, rig, Devices::Real)?;
-        return job.from_files(description);
+        return job.noise_on_disk(description);
     }
     if !args.simulate {
         return Err(common::no_devices());
@@ -254,7 +254,7 @@ impl<'a> Job<'a> {
     }
 
     /// Noise from a data set on disk.
-    fn from_files(&self, description: &Path) -> anyhow::Result<Report> {
+    fn noise_on_disk(&self, description: &Path) -> anyhow::Result<Report> {
         let folder = description.parent().unwrap_or_else(|| Path::new("."));
         let name = || description.display().to_string();
         let read = EmvaDescription::read(description).with_context(name)?;

@@ -62,8 +62,7 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     if let Some(colours) = args.colour {
         plan = plan.in_colours(colours.space());
     }
-    // Written so that NaN fails.
-    if !(args.max_age_days > 0.0) {
+    if args.max_age_days.is_nan() || args.max_age_days <= 0.0 {
         return Err(BadUsage(format!("--max-age-days {}: choose a number above 0", args.max_age_days)).into());
     }
     let faults = faults(&args.fault)?;
