@@ -32,6 +32,8 @@ pub(super) struct Scene {
     /// What [`Placement::GrayCard`] puts in place.
     card: Arc<dyn Brdf>,
     differences: Option<Pixels>,
+    /// Panel pixels whose light goes into the zone; known only where there is stray light.
+    lit_zone: Vec<usize>,
     placement: Placement,
     projector: PerturbedDevice,
     inverse: InverseMap,
@@ -42,7 +44,17 @@ pub(super) struct Scene {
     sequence: Vec<Pattern>,
     /// Electrons per second from the sample, of each pixel in `pixels` for each pattern: `[pixel][pattern]`.
     reflected: Option<Vec<f32>>,
-    /// Sensor pixels that look past the mirrors at the coded patch: the panel's pixel they see, and what of it reaches them.
+    /// Panel pixels whose light goes into the zone.
+fn lit_zone(rig: &Rig) -> Vec<usize> {
+    let (map, zone, p) = (rig.projector_map(), rig.zone(), &rig.projector);
+    let lit = |&i: &usize| {
+        let direction = map.direction((i % p.width_px) as f64 + 0.5, (i / p.width_px) as f64 + 0.5);
+        direction.is_some_and(|d| zone.contains(d.theta()))
+    };
+    (0..p.width_px * p.height_px).filter(lit).collect()
+}
+
+/// Sensor pixels that look past the mirrors at the coded patch: the panel's pixel they see, and what of it reaches them.
     border: Vec<(u32, u32, f32)>,
     /// Electrons per second of each sensor pixel for one pattern.
     rates: Option<(usize, Vec<f32>)>,
@@ -76,6 +88,7 @@ impl Scene {
             .collect();
         let border = border(rig, projector.lens(), &lens);
         let differences = Pixels::new(&config.sensor, width * rig.camera.height_px);
+        let lit_zone = if config.stray_share == 0.0 { Vec::new() } else { lit_zone(rig) };
         Self {
             rig: rig.clone(),
             config,
@@ -83,6 +96,7 @@ impl Scene {
             sample,
             card: Arc::new(Lambert::gray(GRAY_CARD_ALBEDO)),
             differences,
+            lit_zone,
             placement: Placement::Sample,
             projector,
             inverse,
@@ -235,15 +249,8 @@ impl Scene {
     /// Mean light of a pattern over the panel's lit zone, in units of white.
     fn zone_light(&self, pattern: &Pattern) -> f64 {
         let (lights, vignetting) = (self.code_lights(), self.vignetting());
-        let map = self.rig.projector_map();
-        let (w, zone) = (self.rig.projector.width_px, self.rig.zone());
-        let lit = |p: &usize| {
-            let direction = map.direction((p % w) as f64 + 0.5, (p / w) as f64 + 0.5);
-            direction.is_some_and(|d| zone.contains(d.theta()))
-        };
-        let light = |p: usize| lights[usize::from(pattern.codes[p])] * vignetting[p];
-        let (sum, n) = (0..vignetting.len()).filter(lit).fold((0.0, 0usize), |(sum, n), p| (sum + light(p), n + 1));
-        sum / n.max(1) as f64
+        let light = |&p: &usize| lights[usize::from(pattern.codes[p])] * vignetting[p];
+        self.lit_zone.iter().map(light).sum::<f64>() / self.lit_zone.len().max(1) as f64
     }
 
     /// Stray light: smooth over the sensor, in proportion to the pattern's mean.
