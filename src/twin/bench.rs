@@ -44,17 +44,7 @@ pub(super) struct Scene {
     sequence: Vec<Pattern>,
     /// Electrons per second from the sample, of each pixel in `pixels` for each pattern: `[pixel][pattern]`.
     reflected: Option<Vec<f32>>,
-    /// Panel pixels whose light goes into the zone.
-fn lit_zone(rig: &Rig) -> Vec<usize> {
-    let (map, zone, p) = (rig.projector_map(), rig.zone(), &rig.projector);
-    let lit = |&i: &usize| {
-        let direction = map.direction((i % p.width_px) as f64 + 0.5, (i / p.width_px) as f64 + 0.5);
-        direction.is_some_and(|d| zone.contains(d.theta()))
-    };
-    (0..p.width_px * p.height_px).filter(lit).collect()
-}
-
-/// Sensor pixels that look past the mirrors at the coded patch: the panel's pixel they see, and what of it reaches them.
+    /// Sensor pixels that look past the mirrors at the coded patch: the panel's pixel they see, and what of it reaches them.
     border: Vec<(u32, u32, f32)>,
     /// Electrons per second of each sensor pixel for one pattern.
     rates: Option<(usize, Vec<f32>)>,
@@ -413,6 +403,16 @@ impl Scene {
         }
         samples
     }
+}
+
+/// Panel pixels whose light goes into the zone.
+fn lit_zone(rig: &Rig) -> Vec<usize> {
+    let (map, zone, p) = (rig.projector_map(), rig.zone(), &rig.projector);
+    let lit = |&i: &usize| {
+        let direction = map.direction((i % p.width_px) as f64 + 0.5, (i / p.width_px) as f64 + 0.5);
+        direction.is_some_and(|d| zone.contains(d.theta()))
+    };
+    (0..p.width_px * p.height_px).filter(lit).collect()
 }
 
 /// Sensor pixels that look past the mirrors at the coded patch, the panel's pixel each sees, and the share of its light that
