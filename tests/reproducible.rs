@@ -31,7 +31,7 @@ fn coefficients_do_not_depend_on_threads_and_can_be_reduced_again() {
     assert_eq!(bits(&one.coefficients.values), bits(&three.coefficients.values));
     assert_eq!(bits(&one.coefficients.sigma), bits(&three.coefficients.sigma));
 
-    let (again, record) = reduce_run(&path, None).unwrap();
+    let (again, record) = reduce_run(&path, None, None).unwrap();
     assert_eq!(bits(&again.values), bits(&one.coefficients.values));
     assert_eq!(record.noise_rel, one.record.noise_rel);
     let journal = std::fs::read_to_string(path.join("journal.jsonl")).unwrap();

@@ -10,7 +10,7 @@ use super::crosses::{Cross, Sample, Shape, find};
 use super::least_squares::minimise;
 use crate::capture::{Bench, Crop, Placement, ResponseImage, capture_sequence};
 use crate::optics::{Device, Misaligned, Misalignment, Rig};
-use crate::patterns::{Pattern, Timing};
+use crate::patterns::{Pattern, Primary, Timing};
 
 /// Exposures of each frame, and their length in refresh periods: a screen lit directly is a thousand times darker than a
 /// sample lit by the dome.
@@ -140,7 +140,7 @@ fn look(rig: &Rig, bench: &mut dyn Bench) -> Result<Seen, CalibrateError> {
 fn drawn_cross(width: usize, height: usize) -> Pattern {
     let on = |x: usize, n: usize| (x as f64 + 0.5 - n as f64 / 2.0).abs() < DRAWN_PX / 2.0;
     let code = |p: usize| if on(p % width, width) || on(p / width, height) { 0 } else { 255 };
-    Pattern { width, height, codes: (0..width * height).map(code).collect() }
+    Pattern { width, height, light: Primary::White, codes: (0..width * height).map(code).collect() }
 }
 
 /// What crosses look like to the camera, from the rig's nominal dimensions, in camera pixels.

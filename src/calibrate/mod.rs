@@ -1,28 +1,40 @@
 //! The procedures that measure what a measurement must know of the rig, and the files they leave.
 
 mod align;
+mod camera;
+mod colour;
 mod crosses;
 mod emva;
+mod files;
+mod gray_card;
+mod header;
 mod least_squares;
 mod map;
 mod pairs;
 mod procedures;
+mod reference;
 mod set;
 
+use jiff::Timestamp;
 use thiserror::Error;
 
 use crate::basis::OrderError;
 use crate::capture::CaptureError;
-use crate::radiometry::ResponseError;
+use crate::radiometry::{ColourError, LinearityError, ResponseError, TransferError};
 use crate::reduce::ReduceError;
+use crate::reflectance::MaterialError;
 use crate::store::StoreError;
 
 pub use align::{AxisAlignment, DeviceAlignment, align};
+pub use camera::{CameraFigures, NoiseFigures, linearity, noise};
+pub use colour::colour;
 pub use emva::{EmvaDescription, EmvaError, EmvaGroup};
+pub use files::Folder;
+pub use gray_card::{GrayCardCheck, Known, black_trap, gray_card, gray_card_plan};
+pub use header::{Acceptance, CALIBRATION_FORMAT, Devices, Freshness, Header, Kind, Origin, fingerprint};
 pub use map::{Maps, RigMap, map};
-pub use procedures::{
-    GRAY_CARD_ALBEDO, GrayCardCheck, flat_field, gray_card, gray_card_coefficients, gray_card_plan, response,
-};
+pub use procedures::{flat_field, response};
+pub use reference::{FactorTable, GRAY_CARD_ALBEDO, Reference, gray_card_coefficients};
 pub use set::CalibrationSet;
 
 /// Why a calibration failed.
@@ -90,6 +102,69 @@ pub enum CalibrateError {
         /// Rig in use.
         expected: String,
     },
+    /// A calibration was made for another rig of this name.
+    #[error(
+        "{path} was made for the rig `{rig}` when its file was another (fingerprint {found}, now {expected}): calibrate \
+         again, or put the rig file back"
+    )]
+    ChangedRig {
+        /// The file.
+        path: String,
+        /// Name of both rigs.
+        rig: String,
+        /// Fingerprint it was made for.
+        found: String,
+        /// Fingerprint of the rig in use.
+        expected: String,
+    },
+    /// A calibration belongs to other devices.
+    #[error("{path} was made on {found} devices, these are {expected}: calibrate these")]
+    OtherDevices {
+        /// The file.
+        path: String,
+        /// `real` or `simulated`.
+        found: &'static str,
+        /// `real` or `simulated`.
+        expected: &'static str,
+    },
+    /// A calibration is too old.
+    #[error(
+        "{path} is {age_days:.0} days old (made {date}), {max_age_days} are allowed: run `zonal calibrate {kind}` again, or \
+         raise --max-age-days"
+    )]
+    TooOld {
+        /// The file.
+        path: String,
+        /// When it was made.
+        date: Timestamp,
+        /// Its age, days.
+        age_days: f64,
+        /// Greatest age allowed, days.
+        max_age_days: f64,
+        /// What it holds.
+        kind: Kind,
+    },
+    /// The projector's colours are wanted and not known.
+    #[error(
+        "the projector's colours need colour.json in the calibration folder: run `zonal calibrate colour`, or ask for \
+         `--colour camera`"
+    )]
+    NoColour,
+    /// Light of three colours gives no matrix.
+    #[error(transparent)]
+    Colour(#[from] ColourError),
+    /// Frames give no figures of the camera.
+    #[error(transparent)]
+    Transfer(#[from] TransferError),
+    /// Frames show no linear range.
+    #[error(transparent)]
+    Linearity(#[from] LinearityError),
+    /// The reference cannot be opened.
+    #[error(transparent)]
+    Reference(#[from] MaterialError),
+    /// A data set of frames cannot be used.
+    #[error(transparent)]
+    Emva(#[from] EmvaError),
     /// A file could not be read or written.
     #[error(transparent)]
     Store(#[from] StoreError),

@@ -1,23 +1,10 @@
-//! Response, flat field and gray card.
-
-use std::f64::consts::{PI, TAU};
-
-use nalgebra::{DMatrix, DVector};
-use serde::{Deserialize, Serialize};
+//! Response and flat field.
 
 use super::{CalibrateError, Maps, RigMap};
-use crate::basis::size;
-use crate::capture::{
-    Bench, Bracket, Control, Crop, Engine, Placement, Progress, ResponseImage, Run, capture_sequence,
-};
-use crate::geometry::{ExitantGrid, Zone};
+use crate::capture::{Bench, Crop, Placement, ResponseImage, capture_sequence};
 use crate::optics::{Device, Misaligned, Misalignment, Rig};
-use crate::patterns::{Exitant, LobePair, Lobes, Pattern, Plan, Timing};
+use crate::patterns::{Pattern, Plan, Timing};
 use crate::radiometry::{FlatField, Response};
-use crate::reduce::{CellMap, ChannelScale, Coefficients, Reducer};
-
-/// Albedo of the photographic gray card.
-pub const GRAY_CARD_ALBEDO: f64 = 0.18;
 
 /// Codes between the points of the response curve.
 const CODE_STEP: usize = 5;
@@ -27,27 +14,34 @@ const MID_GRAY: u8 = 128;
 const FLAT_FIELD_SHOTS: usize = 4;
 /// Standard deviation of the filter that smooths the flat field, projector pixels.
 const FLAT_FIELD_SMOOTHING_PX: f64 = 4.0;
-/// Degree of the curve over theta_o that the gray card gives each channel.
-const SCALE_DEGREE: usize = 4;
 
-/// Measures the projector's response: full frames of every fifth code on the gray card, the mean light of the zone.
+/// Measures the projector's response: full frames of every fifth code on the gray card, the mean light of the zone over all
+/// pixels, which is what patterns are encoded with, and over those of red, green and blue.
 ///
 /// # Errors
 /// [`CalibrateError`].
-pub fn response(rig: &Rig, bench: &mut dyn Bench) -> Result<Response, CalibrateError> {
+pub fn response(rig: &Rig, bench: &mut dyn Bench) -> Result<(Response, [Response; 3]), CalibrateError> {
     bench.place(Placement::GrayCard)?;
     let codes: Vec<u8> = (0..=255).step_by(CODE_STEP).collect();
     let full = |&code: &u8| Pattern::full(rig.projector.width_px, rig.projector.height_px, code);
     let patterns: Vec<Pattern> = codes.iter().map(full).collect();
     let exposures = Plan::of_order(0).exposures_s(&Timing::of(rig));
     let images = capture_sequence(rig, bench, &patterns, &exposures, Crop::of_zone(rig))?;
-    let points: Vec<(u8, f64)> = codes.into_iter().zip(images.iter().map(mean_rate)).collect();
-    Ok(Response::from_points(&points)?)
+    let curve = |channel: Option<usize>| {
+        let light = images.iter().map(|image| mean_rate(rig, image, channel));
+        Response::from_points(&codes.iter().copied().zip(light).collect::<Vec<_>>())
+    };
+    Ok((curve(None)?, [curve(Some(0))?, curve(Some(1))?, curve(Some(2))?]))
 }
 
-fn mean_rate(image: &ResponseImage) -> f64 {
-    let usable = image.rate.iter().filter(|r| !r.is_nan());
-    let (sum, n) = usable.fold((0.0, 0usize), |(s, n), &r| (s + f64::from(r), n + 1));
+/// Mean over the pixels of a channel, or over all.
+fn mean_rate(rig: &Rig, image: &ResponseImage, channel: Option<usize>) -> f64 {
+    let counts = |p: usize| {
+        let (column, row) = image.crop.sensor_pixel(p);
+        channel.is_none_or(|c| rig.camera.mosaic.channels(column, row).contains(&c))
+    };
+    let usable = image.rate.iter().enumerate().filter(|(p, r)| !r.is_nan() && counts(*p));
+    let (sum, n) = usable.fold((0.0, 0usize), |(s, n), (_, &r)| (s + f64::from(r), n + 1));
     sum / n as f64
 }
 
@@ -142,159 +136,9 @@ fn smooth(cells: &[(f64, f64)], width: usize, height: usize, sigma: f64) -> Vec<
     both.into_iter().map(|(s, w)| (s / w) as f32).collect()
 }
 
-/// How well the gray card's coefficients agree with those of an ideal diffuser, in units of its z_00.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct GrayCardCheck {
-    /// (mean z_10 over directions and channels - analytic) / z_00.
-    pub z_10_error: f64,
-    /// The same for z_20, whose analytic value is 0.
-    pub z_20_error: f64,
-    /// Largest deviation of any coefficient's mean over directions, per channel.
-    pub worst_error: f64,
-    /// Scale of red and blue relative to green: the white balance.
-    pub white_balance: [f64; 3],
-}
-
-impl GrayCardCheck {
-    /// Compares measured coefficients with the analytic ones.
-    pub fn new(measured: &Coefficients, albedo: f64) -> Self {
-        let want = gray_card_coefficients(measured.grid.zone(), measured.order, albedo);
-        let n = measured.grid.len() as f64;
-        let mean = |k: usize, c: usize| measured.plane(k, c).iter().map(|&z| f64::from(z)).sum::<f64>() / n;
-        let error = |k: usize, c: usize| (mean(k, c) - want[k]) / want[0];
-        let over_channels =
-            |k: usize| if k < want.len() { (0..3).map(|c| error(k, c)).sum::<f64>() / 3.0 } else { 0.0 };
-        let worst_error = (0..want.len()).flat_map(|k| (0..3).map(move |c| (k, c))).map(|(k, c)| error(k, c).abs());
-        Self {
-            z_10_error: over_channels(2),
-            z_20_error: over_channels(6),
-            worst_error: worst_error.fold(0.0, f64::max),
-            white_balance: [1.0; 3],
-        }
-    }
-}
-
-/// Zonal coefficients of a diffuser: z_00 = albedo (a+b) sqrt((a-b)/2pi), z_10 = albedo (a-b)^1.5 / sqrt(6pi), others 0.
-pub fn gray_card_coefficients(zone: Zone, order: usize, albedo: f64) -> Vec<f64> {
-    let (a, b) = (zone.cos_min(), zone.cos_max());
-    let mut z = vec![0.0; size(order)];
-    z[0] = albedo * (a + b) * ((a - b) / TAU).sqrt();
-    if order > 0 {
-        z[2] = albedo * (a - b).powf(1.5) / (6.0 * PI).sqrt();
-    }
-    z
-}
-
-/// The plan the gray card is measured with: order 2, on the finest of a few exitant grids that the camera can fill.
-pub fn gray_card_plan(rig: &Rig) -> Plan {
-    let plan = Plan::of_order(2);
-    let Exitant { rings, sectors } = plan.exitant;
-    let grids = [1, 2, 4, 8].map(|n| Exitant { rings: rings / n, sectors: sectors / n });
-    let fills = |e: &Exitant| {
-        let grid = ExitantGrid::new(rig.zone(), e.rings, e.sectors);
-        CellMap::new(rig, &rig.camera_map(), Crop::of_zone(rig), grid).is_ok()
-    };
-    // Where none does, the finest tells why.
-    Plan { exitant: grids.into_iter().find(fills).unwrap_or(plan.exitant), ..plan }
-}
-
-/// Measures the gray card and scales every channel so that its z_00 is right; the other coefficients check the rig.
-///
-/// # Errors
-/// [`CalibrateError`].
-pub fn gray_card(
-    rig: &Rig,
-    bench: &mut dyn Bench,
-    plan: &Plan,
-    response: &Response,
-    flat: &FlatField,
-    map: Option<&RigMap>,
-    progress: &mut Progress<'_>,
-) -> Result<(ChannelScale, GrayCardCheck), CalibrateError> {
-    if let Some(map) = map {
-        map.check_zone(rig)?;
-    }
-    bench.place(Placement::GrayCard)?;
-    let (w, h) = (rig.projector.width_px, rig.projector.height_px);
-    let maps = Maps::of(rig, map);
-    let lobes = Lobes::new(&maps.projector, rig.zone(), plan.order, w, h)?;
-    let pairs: Vec<LobePair> = (0..size(plan.order)).map(|k| lobes.encode(k, response, flat)).collect();
-    let patterns: Vec<Pattern> = pairs.iter().flat_map(|p| p.patterns.clone()).collect();
-    let grid = ExitantGrid::new(rig.zone(), plan.exitant.rings, plan.exitant.sectors);
-    let crop = Crop::of_map(rig, &maps.camera);
-    let cells = CellMap::new(rig, &maps.camera, crop, grid)?;
-    let gains = pairs.iter().map(|p| p.gain).collect();
-    let mut reducer =
-        Reducer::new(cells, plan.order, gains, ChannelScale::unit(), format!("gray card; rig {}", rig.name));
-    let exposures_s = plan.exposures_s(&Timing::of(rig));
-    let longest_s = exposures_s.iter().copied().fold(0.0, f64::max);
-    let mut exposer = Bracket(exposures_s);
-    let run = Run {
-        patterns: &patterns,
-        repeats: plan.repeats,
-        exposer: &mut exposer,
-        longest_s,
-        crop,
-        maps: None,
-        folder: None,
-    };
-    Engine::new(rig, bench, Control::default()).run(run, progress, |lobe, image| reducer.add(lobe, &image))?;
-    let raw = reducer.finish()?;
-    let want = gray_card_coefficients(rig.zone(), plan.order, GRAY_CARD_ALBEDO)[0];
-    let scale = ChannelScale { coefficients: [0, 1, 2].map(|c| scale_curve(&raw, c, want)) };
-    let positive = |ring: usize| (0..3).all(|c| scale.at(&grid.zone(), grid.theta(ring), c) > 0.0);
-    if !(0..grid.rings()).all(positive) {
-        return Err(CalibrateError::DarkGrayCard);
-    }
-    let mut check = GrayCardCheck::new(&rescaled(&raw, &scale), GRAY_CARD_ALBEDO);
-    let middle = (rig.zone().theta_min() + rig.zone().theta_max()) / 2.0;
-    let at = |c: usize| scale.at(&rig.zone(), middle, c);
-    check.white_balance = [0, 1, 2].map(|c| at(c) / at(1));
-    Ok((scale, check))
-}
-
-/// Least-squares polynomial over the rings through analytic over measured z_00.
-fn scale_curve(raw: &Coefficients, channel: usize, want: f64) -> Vec<f64> {
-    let (rings, sectors) = (raw.grid.rings(), raw.grid.sectors());
-    let terms = (SCALE_DEGREE + 1).min(rings);
-    let x = |r: usize| (2.0 * r as f64 + 1.0) / rings as f64 - 1.0;
-    let mean = |r: usize| {
-        raw.plane(0, channel)[r * sectors..(r + 1) * sectors].iter().map(|&z| f64::from(z)).sum::<f64>()
-            / sectors as f64
-    };
-    let powers = DMatrix::from_fn(rings, terms, |r, i| x(r).powi(i as i32));
-    let ratios = DVector::from_fn(rings, |r, _| want / mean(r));
-    let normal = powers.transpose() * &powers;
-    let solution = normal.cholesky().map(|c| c.solve(&(powers.transpose() * ratios)));
-    solution.map_or_else(|| vec![f64::NAN], |s| s.iter().copied().collect())
-}
-
-fn rescaled(raw: &Coefficients, scale: &ChannelScale) -> Coefficients {
-    let mut scaled = raw.clone();
-    let grid = raw.grid;
-    for (i, (value, sigma)) in scaled.values.iter_mut().zip(&mut scaled.sigma).enumerate() {
-        let factor = scale.at(&grid.zone(), grid.theta(i % grid.len() / grid.sectors()), i / grid.len() % 3) as f32;
-        *value *= factor;
-        *sigma *= factor;
-    }
-    scaled
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Values stated in the derivation, five digits.
-    #[test]
-    fn analytic_values_of_the_gray_card() {
-        let built = gray_card_coefficients(Zone::from_degrees(9.0, 57.0).unwrap(), 2, 0.18);
-        let full = gray_card_coefficients(Zone::from_degrees(9.0, 90.0).unwrap(), 2, 0.18);
-        for (got, want) in [(built[0], 0.07324), (built[2], 0.01223), (full[0], 0.07049), (full[2], 0.04070)] {
-            assert!((got - want).abs() < 5e-6, "{got} {want}");
-        }
-        assert!(built.iter().enumerate().all(|(k, z)| k == 0 || k == 2 || *z == 0.0));
-    }
 
     #[test]
     fn smoothing_keeps_a_plane_and_fills_holes() {

@@ -1,79 +1,48 @@
-//! Calibrations as files that a run copies in.
+//! All calibrations of a rig, which a run copies in.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
-use serde::{Deserialize, Serialize};
-
-use super::{AxisAlignment, CalibrateError, GrayCardCheck, Maps, RigMap, procedures};
-use crate::capture::{Bench, Progress};
+use super::files::Folder;
+use super::gray_card::{self, Known};
+use super::header::{Acceptance, Header, Kind, Origin};
+use super::{CalibrateError, CameraFigures, GrayCardCheck, Maps, Reference, RigMap, procedures};
+use crate::capture::{Bench, Progress, SensorMaps};
 use crate::optics::Rig;
-use crate::radiometry::{FlatField, Response};
-use crate::reduce::ChannelScale;
-use crate::store::{self, Layers, Plane, StoreError};
+use crate::radiometry::{ColourMatrix, ColourSpace, FlatField, Response};
+use crate::reduce::{ChannelScale, Coefficients};
+use crate::store::{self, StoreError};
 
-/// Version of the calibration files.
-const FORMAT: u32 = 1;
-
-/// All that a measurement uses beyond the nominal rig.
+/// All that a measurement uses beyond the nominal rig. What is `None` is not calibrated.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CalibrationSet {
     /// The projector's response.
     pub response: Response,
+    /// The same as red, green and blue pixels see it.
+    pub channels: Option<[Response; 3]>,
     /// The projector's flat field.
     pub flat: FlatField,
     /// Scale of the channels.
     pub scale: ChannelScale,
     /// What the gray card said of the rig.
     pub check: GrayCardCheck,
+    /// Stray light: coefficients in electrons per second, before the scale.
+    pub black_trap: Option<Coefficients>,
+    /// The camera's figures, used instead of the rig file's.
+    pub camera: Option<CameraFigures>,
+    /// The camera's single pixels.
+    pub sensor: Option<SensorMaps>,
+    /// Colours of the projector as the camera sees them.
+    pub colour: Option<ColourMatrix>,
     /// Where devices and mirrors stand; nominal without it.
     pub map: Option<RigMap>,
+    /// Heads of the files these come from.
+    pub headers: BTreeMap<Kind, Header>,
 }
-
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct ResponseFile {
-    format: u32,
-    rig: String,
-    /// White over black light.
-    contrast: f64,
-    /// Light above black of codes 0..=255, 0..1.
-    levels: Vec<f64>,
-}
-
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct GrayCardFile {
-    format: u32,
-    rig: String,
-    scale: ChannelScale,
-    check: GrayCardCheck,
-}
-
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct MapFile {
-    format: u32,
-    rig: String,
-    map: RigMap,
-}
-
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct AlignFile {
-    format: u32,
-    rig: String,
-    alignment: AxisAlignment,
-}
-
-const ALIGN: &str = "align.json";
-const MAP: &str = "map.json";
-const RESPONSE: &str = "response.json";
-const FLAT_FIELD: &str = "flat-field.exr";
-const GRAY_CARD: &str = "gray-card.json";
 
 impl CalibrationSet {
-    /// Makes the three calibrations that every measurement needs: response, flat field, gray card of order 2. `map` says
-    /// where devices and mirrors stand; nominal without it.
+    /// Makes what every measurement needs on a bench: response, flat field, gray card of order 2. `map` says where devices
+    /// and mirrors stand; nominal without it.
     ///
     /// # Errors
     /// [`CalibrateError`], among them [`CalibrateError::ZoneBeyondMap`].
@@ -83,11 +52,24 @@ impl CalibrationSet {
         map: Option<RigMap>,
         progress: &mut Progress<'_>,
     ) -> Result<Self, CalibrateError> {
-        let response = procedures::response(rig, bench)?;
+        let (response, channels) = procedures::response(rig, bench)?;
         let flat = procedures::flat_field(rig, bench, map.as_ref())?;
-        let plan = procedures::gray_card_plan(rig);
-        let (scale, check) = procedures::gray_card(rig, bench, &plan, &response, &flat, map.as_ref(), progress)?;
-        Ok(Self { response, flat, scale, check, map })
+        let known = Known { response: &response, flat: &flat, sensor: None, trap: None, map: map.as_ref() };
+        let plan = gray_card::gray_card_plan(rig);
+        let (scale, check) = gray_card::gray_card(rig, bench, &plan, known, &Reference::default(), progress)?;
+        Ok(Self {
+            response,
+            channels: Some(channels),
+            flat,
+            scale,
+            check,
+            black_trap: None,
+            camera: None,
+            sensor: None,
+            colour: None,
+            map,
+            headers: BTreeMap::new(),
+        })
     }
 
     /// The maps of both devices: calibrated where there is a map, nominal elsewhere.
@@ -95,155 +77,119 @@ impl CalibrationSet {
         Maps::of(rig, self.map.as_ref())
     }
 
-    /// Reads the three files of a calibration folder, and its map if there is one.
-    ///
-    /// # Errors
-    /// [`CalibrateError::Store`] for a missing or damaged file, [`CalibrateError::OtherRig`] for a foreign one.
-    pub fn read(folder: &Path, rig: &Rig) -> Result<Self, CalibrateError> {
-        let gray_path = folder.join(GRAY_CARD);
-        let gray: GrayCardFile = store::read_versioned(&gray_path, FORMAT)?;
-        belongs(&gray_path, &gray.rig, rig)?;
-        let zone = rig.zone();
-        let positive =
-            |channel| [zone.theta_min(), zone.theta_max()].iter().all(|&t| gray.scale.at(&zone, t, channel) > 0.0);
-        if !(0..3).all(positive) {
-            return Err(
-                StoreError::invalid(&gray_path, "the scale of a channel is not positive: calibrate again").into()
-            );
-        }
-        let response = Self::read_response(folder, rig)?;
-        let flat = Self::read_flat_field(folder, rig)?;
-        let map = Self::read_map(folder, rig)?;
-        Ok(Self { response, flat, scale: gray.scale, check: gray.check, map })
+    /// The same set with the origin of all its parts.
+    pub fn made(mut self, rig: &Rig, origin: &Origin) -> Self {
+        self.headers = self.kinds().into_iter().map(|kind| (kind, Header::new(kind, rig, Some(origin)))).collect();
+        self
     }
 
-    /// Writes the three files, and the map if there is one, creating the folder.
+    /// What it holds.
+    fn kinds(&self) -> Vec<Kind> {
+        let optional = [
+            (Kind::BlackTrap, self.black_trap.is_some()),
+            (Kind::Camera, self.camera.is_some()),
+            (Kind::CameraMaps, self.sensor.is_some()),
+            (Kind::Colour, self.colour.is_some()),
+            (Kind::Map, self.map.is_some()),
+        ];
+        let there = optional.into_iter().filter(|o| o.1).map(|o| o.0);
+        [Kind::Response, Kind::FlatField, Kind::GrayCard].into_iter().chain(there).collect()
+    }
+
+    /// Reads a calibration folder, whatever its age and the devices it was made on.
+    ///
+    /// # Errors
+    /// [`CalibrateError`] for a missing or damaged file or one of another rig.
+    pub fn read(folder: &Path, rig: &Rig) -> Result<Self, CalibrateError> {
+        Self::read_for(folder, rig, &Acceptance::default())
+    }
+
+    /// Reads a calibration folder whose files must be what `accept` says.
+    ///
+    /// # Errors
+    /// [`CalibrateError`].
+    pub fn read_for(folder: &Path, rig: &Rig, accept: &Acceptance) -> Result<Self, CalibrateError> {
+        let files = Folder { path: folder, rig, accept: *accept };
+        let mut headers = BTreeMap::new();
+        let (head, (scale, check)) = files.read_gray_card()?;
+        headers.insert(Kind::GrayCard, head);
+        let (head, (response, channels)) = files.read_response()?;
+        headers.insert(Kind::Response, head);
+        let (head, flat) = files.read_flat_field()?;
+        headers.insert(Kind::FlatField, head);
+        fn part<T>(
+            headers: &mut BTreeMap<Kind, Header>,
+            kind: Kind,
+            file: Option<Result<(Header, T), CalibrateError>>,
+        ) -> Result<Option<T>, CalibrateError> {
+            let Some((head, content)) = file.transpose()? else { return Ok(None) };
+            headers.insert(kind, head);
+            Ok(Some(content))
+        }
+        let black_trap = part(&mut headers, Kind::BlackTrap, files.if_there(Kind::BlackTrap, Folder::read_black_trap))?;
+        let camera = part(&mut headers, Kind::Camera, files.if_there(Kind::Camera, Folder::read_camera))?;
+        let sensor = part(&mut headers, Kind::CameraMaps, files.if_there(Kind::CameraMaps, Folder::read_maps))?;
+        let colour = part(&mut headers, Kind::Colour, files.if_there(Kind::Colour, Folder::read_colour))?;
+        let map = part(&mut headers, Kind::Map, files.if_there(Kind::Map, Folder::read_map))?;
+        Ok(Self { response, channels, flat, scale, check, black_trap, camera, sensor, colour, map, headers })
+    }
+
+    /// Writes all files, creating the folder.
     ///
     /// # Errors
     /// [`StoreError`].
     pub fn write(&self, folder: &Path, rig: &Rig) -> Result<(), StoreError> {
         store::create_dir(folder)?;
-        Self::write_response(&self.response, folder, rig)?;
-        Self::write_flat_field(&self.flat, folder, rig)?;
-        if let Some(map) = &self.map {
-            Self::write_map(map, folder, rig)?;
+        self.kinds().into_iter().try_for_each(|kind| self.write_part(kind, folder, rig))
+    }
+
+    /// Writes one of its files, if there is one.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn write_part(&self, kind: Kind, folder: &Path, rig: &Rig) -> Result<(), StoreError> {
+        let files = Folder { path: folder, rig, accept: Acceptance::default() };
+        let head = self.headers.get(&kind).cloned().unwrap_or_else(|| Header::new(kind, rig, None));
+        match kind {
+            Kind::Response => files.write_response(&head, &self.response, self.channels.as_ref()),
+            Kind::FlatField => files.write_flat_field(&head, &self.flat),
+            Kind::GrayCard => files.write_gray_card(&head, &self.scale, &self.check),
+            Kind::BlackTrap => self.black_trap.as_ref().map_or(Ok(()), |trap| files.write_black_trap(&head, trap)),
+            Kind::Camera => self.camera.as_ref().map_or(Ok(()), |camera| files.write_camera(&head, camera)),
+            Kind::CameraMaps => self.sensor.as_ref().map_or(Ok(()), |sensor| files.write_maps(&head, sensor)),
+            Kind::Colour => self.colour.as_ref().map_or(Ok(()), |colour| files.write_colour(&head, colour)),
+            Kind::Map => self.map.as_ref().map_or(Ok(()), |map| files.write_map(&head, map)),
+            // Offsets to be turned away by hand: no part of a measurement.
+            Kind::Align => Ok(()),
         }
-        Self::write_gray_card(&self.scale, &self.check, folder, rig)
     }
 
-    /// Reads `align.json`; `None` if there is none.
+    /// Writes one of its files over that of another set, which goes if there is none in its place.
     ///
     /// # Errors
-    /// As [`CalibrationSet::read`].
-    pub fn read_align(folder: &Path, rig: &Rig) -> Result<Option<AxisAlignment>, CalibrateError> {
-        let path = folder.join(ALIGN);
-        if !path.exists() {
-            return Ok(None);
+    /// [`StoreError`].
+    pub fn replace_part(&self, kind: Kind, folder: &Path, rig: &Rig) -> Result<(), StoreError> {
+        let path = folder.join(kind.file());
+        if !self.kinds().contains(&kind) && path.is_file() {
+            return store::remove(&path);
         }
-        let file: AlignFile = store::read_versioned(&path, FORMAT)?;
-        belongs(&path, &file.rig, rig)?;
-        Ok(Some(file.alignment))
+        self.write_part(kind, folder, rig)
     }
 
-    /// Writes `align.json`.
-    ///
-    /// # Errors
-    /// [`StoreError`].
-    pub fn write_align(alignment: &AxisAlignment, folder: &Path, rig: &Rig) -> Result<(), StoreError> {
-        let file = AlignFile { format: FORMAT, rig: rig.name.clone(), alignment: alignment.clone() };
-        store::write_json(&folder.join(ALIGN), &file)
+    /// The rig with the camera's measured figures in place of those of its file.
+    pub fn rig(&self, rig: &Rig) -> Rig {
+        self.camera.as_ref().map_or_else(|| rig.clone(), |camera| camera.of_rig(rig))
     }
 
-    /// Reads `map.json`; `None` if there is none.
+    /// What takes the camera's channels to the colours wanted; `None` where they are those.
     ///
     /// # Errors
-    /// As [`CalibrationSet::read`].
-    pub fn read_map(folder: &Path, rig: &Rig) -> Result<Option<RigMap>, CalibrateError> {
-        let path = folder.join(MAP);
-        if !path.exists() {
-            return Ok(None);
+    /// [`CalibrateError::NoColour`] if the projector's are wanted and not calibrated, [`CalibrateError::Colour`].
+    pub fn to_colours(&self, space: ColourSpace) -> Result<Option<[[f64; 3]; 3]>, CalibrateError> {
+        match (space, &self.colour) {
+            (ColourSpace::Camera, _) => Ok(None),
+            (ColourSpace::Projector, Some(colour)) => Ok(Some(colour.inverse()?)),
+            (ColourSpace::Projector, None) => Err(CalibrateError::NoColour),
         }
-        let file: MapFile = store::read_versioned(&path, FORMAT)?;
-        belongs(&path, &file.rig, rig)?;
-        Ok(Some(file.map))
     }
-
-    /// Writes `map.json`.
-    ///
-    /// # Errors
-    /// [`StoreError`].
-    pub fn write_map(map: &RigMap, folder: &Path, rig: &Rig) -> Result<(), StoreError> {
-        let file = MapFile { format: FORMAT, rig: rig.name.clone(), map: map.clone() };
-        store::write_json(&folder.join(MAP), &file)
-    }
-
-    /// Reads `response.json`.
-    ///
-    /// # Errors
-    /// As [`CalibrationSet::read`].
-    pub fn read_response(folder: &Path, rig: &Rig) -> Result<Response, CalibrateError> {
-        let path = folder.join(RESPONSE);
-        let file: ResponseFile = store::read_versioned(&path, FORMAT)?;
-        belongs(&path, &file.rig, rig)?;
-        Response::from_levels(file.levels, file.contrast).map_err(|e| StoreError::invalid(&path, e.to_string()).into())
-    }
-
-    /// Writes `response.json`.
-    ///
-    /// # Errors
-    /// [`StoreError`].
-    pub fn write_response(response: &Response, folder: &Path, rig: &Rig) -> Result<(), StoreError> {
-        let levels = (0..=255).map(|c| response.level(c)).collect();
-        let file = ResponseFile { format: FORMAT, rig: rig.name.clone(), contrast: response.contrast(), levels };
-        store::write_json(&folder.join(RESPONSE), &file)
-    }
-
-    /// Reads `flat-field.exr`.
-    ///
-    /// # Errors
-    /// As [`CalibrationSet::read`].
-    pub fn read_flat_field(folder: &Path, rig: &Rig) -> Result<FlatField, CalibrateError> {
-        let path = folder.join(FLAT_FIELD);
-        let image = Layers::read(&path)?;
-        belongs(&path, image.text("zonal_rig").unwrap_or("?"), rig)?;
-        let size = (image.width, image.height) == (rig.projector.width_px, rig.projector.height_px);
-        let values = image.get("Y").filter(|_| size);
-        let flat = values.and_then(|v| FlatField::from_light(image.width, image.height, v));
-        flat.ok_or_else(|| {
-            StoreError::invalid(&path, "not a positive plane `Y` of the panel's size: calibrate again").into()
-        })
-    }
-
-    /// Writes `flat-field.exr`.
-    ///
-    /// # Errors
-    /// [`StoreError`].
-    pub fn write_flat_field(flat: &FlatField, folder: &Path, rig: &Rig) -> Result<(), StoreError> {
-        let mut image = Layers::new(flat.width, flat.height);
-        image.plane("Y", Plane::Float(flat.values.clone()));
-        image.attribute("zonal_content", "light of each projector pixel at one code, relative to the brightest");
-        image.attribute("zonal_rig", rig.name.as_str());
-        image.write(&folder.join(FLAT_FIELD))
-    }
-
-    /// Writes `gray-card.json`.
-    ///
-    /// # Errors
-    /// [`StoreError`].
-    pub fn write_gray_card(
-        scale: &ChannelScale,
-        check: &GrayCardCheck,
-        folder: &Path,
-        rig: &Rig,
-    ) -> Result<(), StoreError> {
-        let file = GrayCardFile { format: FORMAT, rig: rig.name.clone(), scale: scale.clone(), check: check.clone() };
-        store::write_json(&folder.join(GRAY_CARD), &file)
-    }
-}
-
-fn belongs(path: &Path, found: &str, rig: &Rig) -> Result<(), CalibrateError> {
-    if found == rig.name {
-        return Ok(());
-    }
-    Err(CalibrateError::OtherRig { path: path.display().to_string(), found: found.into(), expected: rig.name.clone() })
 }

@@ -28,7 +28,7 @@ pub use exposer::{Bracket, Exposer};
 pub use journal::{Journal, JournalEntry, Recorded};
 pub use response_image::{Crop, ResponseImage, SensorMaps};
 pub use run_folder::{RUN_FORMAT, RunFolder};
-pub use sequence::capture_sequence;
+pub use sequence::{KeepFrame, capture_frames, capture_sequence};
 pub use state::{Control, Input, State};
 pub use tag_reader::{TagModel, TagReading, Verdict};
 

@@ -17,6 +17,7 @@ use rayon::prelude::*;
 use thiserror::Error;
 
 use crate::geometry::{Direction, Sample};
+use crate::radiometry::ColourSpace;
 use crate::reflectance::{Brdf, Flattening, Table, Taps, TensorWriter, reflect, theta_of_u, u_of_theta};
 use crate::store::{self, StoreError};
 
@@ -115,7 +116,9 @@ pub fn bsdf_bytes(brdf: &dyn Brdf, description: &str) -> Result<Vec<u8>, BsdfErr
 
     let [rows, columns] = resolution.vndf;
     let mut file = TensorWriter::default();
-    let description = format!("{description}\n{CONVENTION}\nzonal {}", env!("CARGO_PKG_VERSION"));
+    let colours = ColourSpace::of_history(description).label();
+    let version = env!("CARGO_PKG_VERSION");
+    let description = format!("{description}\nzonal_colour_space: {colours}\n{CONVENTION}\nzonal {version}");
     file.u8("description", description.as_bytes());
     file.u8("jacobian", &[1]);
     file.f32("phi_i", &[n_phi], &f32s(&phi));

@@ -41,6 +41,7 @@ pub fn write_density(model: &Dbrdf, history: &str, path: &Path) -> Result<(), St
          column j: phi_h = 360 j / columns deg, one column for every azimuth",
     );
     image.attribute("zonal_interpolation", "bilinear in theta_h and phi_h; phi_h wraps");
+    image.attribute("zonal_colour_space", crate::radiometry::ColourSpace::of_history(history).label());
     image.attribute("zonal_history", history);
     for (name, rgb) in [("c", model.c), ("kd", model.kd)] {
         for (channel, value) in ["r", "g", "b"].into_iter().zip(rgb) {

@@ -5,6 +5,7 @@ use std::path::Path;
 use crate::basis::{Conversion, Family, Harmonics, MAX_ORDER, size};
 use crate::convert::{Converted, linear};
 use crate::geometry::{Direction, ExitantGrid, Sample, Zone};
+use crate::radiometry::ColourSpace;
 use crate::reduce::{CHANNEL_NAMES, Coefficients};
 use crate::reflectance::{Brdf, Towards};
 use crate::store::{Layers, Plane, StoreError};
@@ -117,7 +118,8 @@ impl ShMaterial {
             }
         }
         image.attribute("zonal_content", "SH coefficients y_k(wo): f_cos(wi, wo) = sum over k of y_k(wo) Y_k(wi)");
-        image.attribute("zonal_units", "1/sr, linear camera RGB; f_cos is the BRDF times cos(theta_i)");
+        image.attribute("zonal_units", "1/sr, linear RGB; f_cos is the BRDF times cos(theta_i)");
+        image.attribute("zonal_colour_space", ColourSpace::of_history(&self.history).label());
         image.attribute("zonal_convention", crate::reduce::CONVENTION);
         let functions = if self.family == Family::Hemispherical { HEMISPHERICAL } else { FUNCTIONS };
         image.attribute("zonal_functions", functions);

@@ -6,6 +6,7 @@ use nalgebra::DMatrix;
 
 use crate::basis::{Conversion, HarmonicTensor, Harmonics, MAX_ORDER, Tensor, TensorError, index, size};
 use crate::geometry::{Direction, Sample, Zone};
+use crate::radiometry::ColourSpace;
 use crate::reduce::CHANNEL_NAMES;
 use crate::reflectance::{Brdf, Towards};
 use crate::store::{Layers, Plane, StoreError};
@@ -130,7 +131,8 @@ impl TensorMaterial {
             "zonal_content",
             "SH coefficients Y_ab on both sides: f cos(theta_i) cos(theta_o) = sum over a, b of Y_ab Y_a(wi) Y_b(wo)",
         );
-        image.attribute("zonal_units", "none (1/sr of f times sr of the functions), linear camera RGB");
+        image.attribute("zonal_units", "none (1/sr of f times sr of the functions), linear RGB");
+        image.attribute("zonal_colour_space", ColourSpace::of_history(&self.history).label());
         image.attribute("zonal_convention", if self.isotropic { ISOTROPIC } else { FULL });
         image.attribute("zonal_functions", FUNCTIONS);
         image.attribute("zonal_history", self.history.as_str());

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::uncertainty::Covariance;
 use super::{CalibrationUncertainty, FitMethod, Fitted, Observations, Selection, Termination};
 use crate::geometry::{Direction, Zone};
+use crate::radiometry::ColourSpace;
 use crate::reflectance::{Brdf, Model};
 use crate::store::{self, StoreError};
 
@@ -196,7 +197,7 @@ impl FitReport {
             selection: parts.selection,
             warnings: Vec::new(),
             units: "f in 1/sr; f_cos = f cos(theta_i)".into(),
-            colour_space: "linear camera RGB, white-balanced on the gray card".into(),
+            colour_space: format!("linear {}", ColourSpace::of_history(&parts.history).label()),
             history: parts.history,
             brdf,
         };

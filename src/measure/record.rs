@@ -8,6 +8,7 @@ use super::MeasureError;
 use crate::capture::RUN_FORMAT;
 use crate::optics::Rig;
 use crate::patterns::{Plan, RigTime};
+use crate::radiometry::ColourSpace;
 use crate::store::{self, StoreError};
 
 /// What is measured and by what: goes into the record as it is.
@@ -64,6 +65,9 @@ pub struct RunRecord {
     pub saturated_fraction: f64,
     /// Divisor of each lobe difference.
     pub gains: Vec<f64>,
+    /// Colours of the coefficients.
+    #[serde(default)]
+    pub colour_space: ColourSpace,
     /// How the frames came; not known of runs of older versions.
     #[serde(default)]
     pub capture: CaptureRecord,

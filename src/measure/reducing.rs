@@ -3,36 +3,46 @@
 use std::path::Path;
 use std::time::Instant;
 
-use super::run::reducer;
+use super::run::{in_colours, reducer};
 use super::{MeasureError, RunRecord};
 use crate::basis::size;
-use crate::calibrate::{CalibrationSet, Maps};
+use crate::calibrate::{Acceptance, CalibrationSet, Folder, Kind, Maps};
 use crate::capture::{Crop, ResponseImage, RunFolder};
 use crate::optics::Rig;
 use crate::patterns::Plan;
+use crate::radiometry::ColourSpace;
 use crate::reduce::Coefficients;
 use crate::store::{self, StoreError};
 
-/// Reduces a stored run again, with another calibration's scale if one is given.
+/// Reduces a stored run again, with the scale, stray light and colours of another calibration if one is given, and in other
+/// colours than its plan's if they are. A calibration of any age will do, of the same kind of devices.
 ///
 /// # Errors
 /// [`MeasureError`].
-pub fn reduce_run(run: &Path, calibration: Option<&Path>) -> Result<(Coefficients, RunRecord), MeasureError> {
+pub fn reduce_run(
+    run: &Path,
+    calibration: Option<&Path>,
+    colours: Option<ColourSpace>,
+) -> Result<(Coefficients, RunRecord), MeasureError> {
     let started = Instant::now();
     let folder = RunFolder::open(run)?;
     let mut record = RunRecord::read_complete(run)?;
     let rig = Rig::from_toml(&store::read_text(&folder.file("rig.toml"))?)?;
     let plan = Plan::from_toml(&store::read_text(&folder.file("plan.toml"))?)?;
     let own = folder.file("calibration");
-    let set = CalibrationSet::read(calibration.unwrap_or(&own), &rig)?;
+    let accept = Acceptance { simulated: Some(record.provenance.simulation.is_some()), freshness: None };
+    let mut set = CalibrationSet::read_for(calibration.unwrap_or(&own), &rig, &accept)?;
     if record.gains.len() != size(plan.order) || record.gains.contains(&0.0) {
         let reason = format!("`gains` are not {} divisors, as the plan asks for: measure again", size(plan.order));
         return Err(StoreError::invalid(&folder.file("run.json"), reason).into());
     }
     // The run's own map: it is how the frames were made and cut.
-    let map = CalibrationSet::read_map(&own, &rig)?;
-    let camera = Maps::of(&rig, map.as_ref()).camera;
-    let mut reducer = reducer(&rig, &plan, &camera, &record.gains, &set.scale, &record.provenance)?;
+    let files = Folder { path: &own, rig: &rig, accept };
+    set.map = files.if_there(Kind::Map, Folder::read_map).transpose()?.map(|(_, map)| map);
+    let camera = Maps::of(&rig, set.map.as_ref()).camera;
+    let mut reducer = reducer(&rig, &plan, &camera, &record.gains, &set, &record.provenance)?;
+    record.colour_space = colours.unwrap_or_else(|| plan.colour_space());
+    set.to_colours(record.colour_space)?;
     let crop = Crop::of_map(&rig, &camera);
     // Runs of the first format hold the mean of all repeats.
     let repeats = if record.format < 2 { 1 } else { plan.repeats };
@@ -46,13 +56,15 @@ pub fn reduce_run(run: &Path, calibration: Option<&Path>) -> Result<(Coefficient
         }
     }
     record.saturated_fraction = reducer.saturated_fraction();
-    let coefficients = reducer.finish()?;
+    let coefficients = in_colours(reducer.finish()?, &set, record.colour_space)?;
     record.noise_rel = coefficients.noise_rel();
     record.post_s = started.elapsed().as_secs_f64();
     coefficients.write(&folder.file("coefficients.exr"))?;
     if calibration.is_some() {
-        // Response and flat field stay: the frames were encoded with the run's own.
-        CalibrationSet::write_gray_card(&set.scale, &set.check, &own, &rig)?;
+        // Response, flat field and camera stay: the frames were encoded and merged with the run's own.
+        for kind in [Kind::GrayCard, Kind::BlackTrap, Kind::Colour] {
+            set.replace_part(kind, &own, &rig)?;
+        }
     }
     store::write_json(&folder.file("run.json"), &record)?;
     Ok((coefficients, record))

@@ -14,7 +14,8 @@ use crate::capture::{
 use crate::geometry::ExitantGrid;
 use crate::optics::{OpticalMap, Rig};
 use crate::patterns::{LobePair, Lobes, Pattern, Plan, Timing};
-use crate::reduce::{CellMap, ChannelScale, Coefficients, ReduceError, Reducer};
+use crate::radiometry::ColourSpace;
+use crate::reduce::{CellMap, Coefficients, ReduceError, Reducer};
 use crate::store;
 
 /// What is to be measured, and with what.
@@ -61,7 +62,8 @@ pub fn measure(
     let record = new_record(request, &pairs);
     // Found out before a folder is made.
     let camera = calibration.maps(rig).camera;
-    reducer(rig, plan, &camera, &record.gains, &calibration.scale, &record.provenance)?;
+    reducer(rig, plan, &camera, &record.gains, calibration, &record.provenance)?;
+    calibration.to_colours(plan.colour_space())?;
     if let Some(folder) = folder {
         folder.begin(|path| {
             store::write(&path.join("rig.toml"), rig.to_toml().as_bytes())?;
@@ -131,6 +133,7 @@ fn new_record(request: &Request<'_>, pairs: &[LobePair]) -> RunRecord {
         noise_rel: 0.0,
         saturated_fraction: 0.0,
         gains: pairs.iter().map(|p| p.gain).collect(),
+        colour_space: plan.colour_space(),
         capture: CaptureRecord::default(),
     }
 }
@@ -151,7 +154,7 @@ fn perform(
         store::write_json(&folder.file("run.json"), &record)?;
     }
     let captured = capture(request, bench, pairs, folder, progress);
-    let outcome = captured.and_then(|captured| finish(captured, &mut record, started, folder));
+    let outcome = captured.and_then(|captured| finish(request, captured, &mut record, started, folder));
     if let (Err(error), Some(folder)) = (&outcome, folder) {
         let stopped = matches!(error, MeasureError::Capture(CaptureError::Stopped { .. }));
         record.status = if stopped { "stopped" } else { "failed" }.into();
@@ -189,7 +192,8 @@ fn capture(
     let Request { rig, plan, calibration, provenance, control } = *request;
     let gains: Vec<f64> = pairs.iter().map(|p| p.gain).collect();
     let camera = calibration.maps(rig).camera;
-    let mut reducer = reducer(rig, plan, &camera, &gains, &calibration.scale, provenance)?;
+    let mut reducer = reducer(rig, plan, &camera, &gains, calibration, provenance)?;
+    let rig = &calibration.rig(rig);
     let patterns: Vec<Pattern> = pairs.iter().flat_map(|p| p.patterns.clone()).collect();
     let timing = Timing::of(rig);
     let exposures_s = plan.exposures_s(&timing);
@@ -216,7 +220,15 @@ fn capture(
         progress(done, all);
     };
     let mut first_response = None;
-    let run = Run { patterns: &patterns, repeats: plan.repeats, exposer, longest_s, crop, maps: None, folder };
+    let run = Run {
+        patterns: &patterns,
+        repeats: plan.repeats,
+        exposer,
+        longest_s,
+        crop,
+        maps: calibration.sensor.as_ref(),
+        folder,
+    };
     let summary = Engine::new(rig, bench, control.clone()).run(run, &mut timed, |lobe, response| {
         reducer.add(lobe, &response);
         first_response.get_or_insert(response);
@@ -234,14 +246,30 @@ pub(super) fn reducer(
     plan: &Plan,
     camera: &OpticalMap,
     gains: &[f64],
-    scale: &ChannelScale,
+    calibration: &CalibrationSet,
     provenance: &Provenance,
 ) -> Result<Reducer, ReduceError> {
     let cells = CellMap::new(rig, camera, Crop::of_map(rig, camera), exitant_grid(rig, plan))?;
-    Ok(Reducer::new(cells, plan.order, gains.to_vec(), scale.clone(), provenance.history(rig, plan)))
+    let history = provenance.history(rig, plan);
+    let reducer = Reducer::new(cells, plan.order, gains.to_vec(), calibration.scale.clone(), history);
+    match &calibration.black_trap {
+        Some(trap) => reducer.less_stray(trap),
+        None => Ok(reducer),
+    }
+}
+
+/// Coefficients as the camera sees them in the colours wanted.
+pub(super) fn in_colours(
+    coefficients: Coefficients,
+    calibration: &CalibrationSet,
+    space: ColourSpace,
+) -> Result<Coefficients, MeasureError> {
+    let inverse = calibration.to_colours(space)?;
+    Ok(inverse.map_or_else(|| coefficients.clone(), |inverse| coefficients.in_primaries(&inverse)))
 }
 
 fn finish(
+    request: &Request<'_>,
     captured: Captured,
     record: &mut RunRecord,
     started: Instant,
@@ -260,7 +288,7 @@ fn finish(
         lamp_sigma: light_sigma,
         ..record.capture
     };
-    let coefficients = captured.reducer.finish()?;
+    let coefficients = in_colours(captured.reducer.finish()?, request.calibration, request.plan.colour_space())?;
     record.noise_rel = coefficients.noise_rel();
     if let Some(folder) = folder {
         coefficients.write(&folder.file("coefficients.exr"))?;

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use super::Pattern;
+use super::{Pattern, Primary};
 use crate::radiometry::Response;
 
 /// Period of the finest fringes, projector pixels: wide enough to survive the blur of a lens, narrow enough for 0.01 px.
@@ -70,7 +70,7 @@ impl Fringes {
             };
             let line: Vec<u8> = (0..[self.width, self.height][axis]).map(code).collect();
             let codes = (0..self.width * self.height).map(|p| line[[p % self.width, p / self.width][axis]]).collect();
-            Pattern { width: self.width, height: self.height, codes }
+            Pattern { width: self.width, height: self.height, light: Primary::White, codes }
         };
         let steps = |axis: usize| {
             self.levels.iter().flat_map(move |level| (0..level.steps).map(move |step| frame(axis, level, step)))

@@ -43,6 +43,31 @@ impl Lobe {
     }
 }
 
+/// The light of a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Primary {
+    /// All primaries, as in every measurement.
+    #[default]
+    White,
+    /// Red alone.
+    Red,
+    /// Green alone.
+    Green,
+    /// Blue alone.
+    Blue,
+}
+
+impl Primary {
+    /// The three primaries.
+    pub const ALL: [Self; 3] = [Self::Red, Self::Green, Self::Blue];
+
+    /// Whether primary `p` (0 red, 1 green, 2 blue) follows the codes; one that does not shows code 0.
+    pub fn lights(self, p: usize) -> bool {
+        self == Self::White || self == Self::ALL[p]
+    }
+}
+
 /// A frame for the projector: one 8-bit code for each pixel, row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pattern {
@@ -52,12 +77,19 @@ pub struct Pattern {
     pub height: usize,
     /// Codes, row by row.
     pub codes: Arc<[u8]>,
+    /// In which light. The coded patch is shown in white whatever this says.
+    pub light: Primary,
 }
 
 impl Pattern {
     /// A frame of one code.
     pub fn full(width: usize, height: usize, code: u8) -> Self {
-        Self { width, height, codes: vec![code; width * height].into() }
+        Self { width, height, codes: vec![code; width * height].into(), light: Primary::White }
+    }
+
+    /// The same frame in another light.
+    pub fn in_light(self, light: Primary) -> Self {
+        Self { light, ..self }
     }
 
     /// Writes an 8-bit grey PNG, whole or not at all.
@@ -176,7 +208,7 @@ impl Lobes {
                 shown_power += shown * weight;
                 wanted_power += value * scale * weight;
             }
-            Pattern { width: self.width, height: self.height, codes: codes.into() }
+            Pattern { width: self.width, height: self.height, codes: codes.into(), light: Primary::White }
         });
         LobePair { k, patterns, scale, gain: scale * shown_power / wanted_power }
     }

@@ -6,6 +6,6 @@ mod plan;
 mod tag;
 
 pub use fringes::{Coordinate, Fringes};
-pub use lobes::{Lobe, LobePair, Lobes, Pattern, Sign};
-pub use plan::{AutomaticBracket, Exitant, ExposureBracket, Plan, PlanError, RigTime, Timing};
+pub use lobes::{Lobe, LobePair, Lobes, Pattern, Primary, Sign};
+pub use plan::{AutomaticBracket, Colour, Exitant, ExposureBracket, Plan, PlanError, RigTime, Timing};
 pub use tag::{Rect, TagBit, TagLayout};

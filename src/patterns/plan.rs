@@ -6,6 +6,7 @@ use thiserror::Error;
 use super::{Lobe, Sign};
 use crate::basis::size;
 use crate::optics::Rig;
+use crate::radiometry::ColourSpace;
 
 /// Version of the plan file this program writes and the newest it reads.
 pub const FORMAT: u32 = 1;
@@ -69,6 +70,17 @@ pub struct Plan {
     pub automatic: Option<AutomaticBracket>,
     /// Grid of exitant directions the coefficients are reported on.
     pub exitant: Exitant,
+    /// Colours the coefficients are reported in; the camera's if it is not there.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub colour: Option<Colour>,
+}
+
+/// Colours of a result.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Colour {
+    /// `camera` or `projector`; the latter needs `zonal calibrate colour`.
+    pub space: ColourSpace,
 }
 
 /// A geometric series of exposures in whole refresh periods of the projector.
@@ -156,6 +168,7 @@ impl Plan {
             exposure: Some(ExposureBracket { count: 3, shortest_refreshes: 1, spacing: 4 }),
             automatic: None,
             exitant: Exitant { rings: 32, sectors: 64 },
+            colour: None,
         }
     }
 
@@ -172,6 +185,16 @@ impl Plan {
     /// The plan as TOML.
     pub fn to_toml(&self) -> String {
         toml::to_string_pretty(self).expect("plain numbers and strings")
+    }
+
+    /// Colours the coefficients are reported in.
+    pub fn colour_space(&self) -> ColourSpace {
+        self.colour.map_or_else(ColourSpace::default, |c| c.space)
+    }
+
+    /// The same plan reported in other colours.
+    pub fn in_colours(self, space: ColourSpace) -> Self {
+        Self { colour: Some(Colour { space }), ..self }
     }
 
     /// Number of patterns: two lobes for every function.

@@ -3,6 +3,7 @@
 mod bounded;
 mod camera_response;
 mod censored;
+mod colour;
 mod flat_field;
 mod hdr;
 mod lamp;
@@ -11,6 +12,7 @@ mod response;
 mod transfer;
 
 pub use camera_response::{CODES, CameraResponse, Stack, StackError, UNIT_CODE};
+pub use colour::{ColourError, ColourMatrix, ColourSpace};
 pub use flat_field::FlatField;
 pub use hdr::{Estimate, ExposedRows, PixelMaps, Rows, Sensor};
 pub use lamp::Lamp;

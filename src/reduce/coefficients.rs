@@ -4,6 +4,7 @@ use std::path::Path;
 
 use crate::basis::size;
 use crate::geometry::{ExitantGrid, Zone};
+use crate::radiometry::ColourSpace;
 use crate::store::{Layers, Plane, StoreError};
 
 /// Names of the colour channels in files.
@@ -63,11 +64,42 @@ impl Coefficients {
         rms(&self.sigma) / rms(&self.values[..3 * self.grid.len()])
     }
 
+    /// The colours it is given in.
+    pub fn colour_space(&self) -> ColourSpace {
+        ColourSpace::of_history(&self.history)
+    }
+
+    /// The same measurement in the colours of the projector's primaries: `inverse` is `[primary][channel]`. Channels are
+    /// measured by different pixels, so that their noise is independent.
+    pub fn in_primaries(&self, inverse: &[[f64; 3]; 3]) -> Self {
+        let n = self.grid.len();
+        let mut mixed = self.clone();
+        for at in (0..size(self.order)).flat_map(|k| (0..n).map(move |cell| k * 3 * n + cell)) {
+            for (p, row) in inverse.iter().enumerate() {
+                let value = |c: usize| row[c] * f64::from(self.values[at + c * n]);
+                let power = |c: usize| (row[c] * f64::from(self.sigma[at + c * n])).powi(2);
+                mixed.values[at + p * n] = (0..3).map(value).sum::<f64>() as f32;
+                mixed.sigma[at + p * n] = (0..3).map(power).sum::<f64>().sqrt() as f32;
+            }
+        }
+        mixed.history += &format!("; {}", ColourSpace::Projector.label());
+        mixed
+    }
+
     /// Writes planes `z_kkk.R|G|B` and `sigma_kkk.R|G|B` as OpenEXR, columns = sectors, rows = rings.
     ///
     /// # Errors
     /// [`StoreError`].
     pub fn write(&self, path: &Path) -> Result<(), StoreError> {
+        let mut image = self.planes();
+        image.attribute("zonal_content", "zonal coefficients z_k(wo) of f_cos = f cos(theta_i), and standard errors");
+        image.attribute("zonal_units", "1/sqrt(sr), linear RGB");
+        image.attribute("zonal_colour_space", self.colour_space().label());
+        image.write(path)
+    }
+
+    /// All but what the numbers stand for.
+    pub(crate) fn planes(&self) -> Layers {
         let mut image = Layers::new(self.grid.sectors(), self.grid.rings());
         let n = self.grid.len();
         for k in 0..size(self.order) {
@@ -77,14 +109,12 @@ impl Coefficients {
                 image.plane(format!("sigma_{k:03}.{name}"), Plane::Float(self.sigma[at..at + n].to_vec()));
             }
         }
-        image.attribute("zonal_content", "zonal coefficients z_k(wo) of f_cos = f cos(theta_i), and standard errors");
-        image.attribute("zonal_units", "1/sqrt(sr), linear camera RGB");
         image.attribute("zonal_convention", CONVENTION);
         image.attribute("zonal_history", self.history.as_str());
         image.attribute("zonal_order", self.order as f64);
         image.attribute("zonal_theta_min_deg", self.grid.zone().theta_min().to_degrees());
         image.attribute("zonal_theta_max_deg", self.grid.zone().theta_max().to_degrees());
-        image.write(path)
+        image
     }
 
     /// Reads what [`Coefficients::write`] wrote.
@@ -92,7 +122,14 @@ impl Coefficients {
     /// # Errors
     /// [`StoreError`].
     pub fn read(path: &Path) -> Result<Self, StoreError> {
-        let image = Layers::read(path)?;
+        Self::of_planes(&Layers::read(path)?, path)
+    }
+
+    /// The coefficients in an image read from `path`.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub(crate) fn of_planes(image: &Layers, path: &Path) -> Result<Self, StoreError> {
         let missing = |what: &str| StoreError::invalid(path, format!("`{what}` is missing: reduce the run again"));
         let number = |name: &str| image.number(name).ok_or_else(|| missing(name));
         let order = number("zonal_order")? as usize;

@@ -45,6 +45,23 @@ pub enum ReduceError {
         /// Share of saturated pixels, percent.
         saturated_percent: f64,
     },
+    /// Stray light was measured otherwise.
+    #[error(
+        "stray light is calibrated to order {order} on {} x {} directions, order {wanted_order} on {} x {} is needed: \
+         calibrate the trap with this plan (`zonal calibrate black-trap --plan PLAN`), or take black-trap.exr out of the \
+         calibration folder",
+        grid[0], grid[1], wanted_grid[0], wanted_grid[1]
+    )]
+    Stray {
+        /// Order measured.
+        order: usize,
+        /// Rings and sectors measured.
+        grid: [usize; 2],
+        /// Order needed.
+        wanted_order: usize,
+        /// Rings and sectors needed.
+        wanted_grid: [usize; 2],
+    },
     /// The order is out of range.
     #[error(transparent)]
     Order(#[from] OrderError),

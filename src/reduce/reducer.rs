@@ -47,6 +47,7 @@ pub struct Reducer {
     saturated: usize,
     pixels: usize,
     history: String,
+    stray: Option<Coefficients>,
 }
 
 impl Reducer {
@@ -67,7 +68,27 @@ impl Reducer {
             saturated: 0,
             pixels: 0,
             history,
+            stray: None,
         }
+    }
+
+    /// Takes stray light away: what a black trap in the sample's place sent, in coefficients of [`ChannelScale::unit`] over
+    /// the same grid. Its variance is added.
+    ///
+    /// # Errors
+    /// [`ReduceError::Stray`] if it covers other directions or fewer functions.
+    pub fn less_stray(mut self, stray: &Coefficients) -> Result<Self, ReduceError> {
+        let grid = self.cells.grid();
+        if stray.grid != grid || stray.order < self.order {
+            return Err(ReduceError::Stray {
+                order: stray.order,
+                grid: [stray.grid.rings(), stray.grid.sectors()],
+                wanted_order: self.order,
+                wanted_grid: [grid.rings(), grid.sectors()],
+            });
+        }
+        self.stray = Some(stray.truncated(self.order));
+        Ok(self)
     }
 
     /// Takes the response to a lobe.
@@ -91,10 +112,13 @@ impl Reducer {
         let grid = self.cells.grid();
         for i in 0..3 * grid.len() {
             let theta_o = grid.theta(i % grid.len() / grid.sectors());
-            let factor = self.scale.at(&grid.zone(), theta_o, i / grid.len()) / self.gains[k];
+            let scale = self.scale.at(&grid.zone(), theta_o, i / grid.len());
             let at = k * 3 * grid.len() + i;
-            self.values[at] = (factor * (positive.rate[i] - negative.rate[i])) as f32;
-            self.sigma[at] = (factor.abs() * (positive.variance[i] + negative.variance[i]).sqrt()) as f32;
+            let stray = self.stray.as_ref().map_or([0.0; 2], |s| [s.values[at], s.sigma[at]].map(f64::from));
+            let light = (positive.rate[i] - negative.rate[i]) / self.gains[k];
+            let sigma = (positive.variance[i] + negative.variance[i]).sqrt() / self.gains[k].abs();
+            self.values[at] = (scale * (light - stray[0])) as f32;
+            self.sigma[at] = (scale.abs() * sigma.hypot(stray[1])) as f32;
         }
     }
 
@@ -108,21 +132,29 @@ impl Reducer {
     /// # Errors
     /// [`ReduceError::Incomplete`] if a lobe is missing, [`ReduceError::NoSignal`] if all is dark or saturated.
     pub fn finish(self) -> Result<Coefficients, ReduceError> {
+        let saturated_percent = 100.0 * self.saturated_fraction();
+        let coefficients = self.finish_dark()?;
+        if !coefficients.noise_rel().is_finite() {
+            return Err(ReduceError::NoSignal { saturated_percent });
+        }
+        Ok(coefficients)
+    }
+
+    /// The coefficients of what may be black.
+    ///
+    /// # Errors
+    /// [`ReduceError::Incomplete`].
+    pub fn finish_dark(self) -> Result<Coefficients, ReduceError> {
         let expected = 2 * size(self.order);
         if self.lobes != expected || 2 * self.pairs != expected {
             return Err(ReduceError::Incomplete { found: 2 * self.pairs, expected });
         }
-        let saturated_percent = 100.0 * self.saturated_fraction();
-        let coefficients = Coefficients {
+        Ok(Coefficients {
             grid: self.cells.grid(),
             order: self.order,
             values: self.values,
             sigma: self.sigma,
             history: self.history,
-        };
-        if !coefficients.noise_rel().is_finite() {
-            return Err(ReduceError::NoSignal { saturated_percent });
-        }
-        Ok(coefficients)
+        })
     }
 }

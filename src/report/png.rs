@@ -74,7 +74,7 @@ mod tests {
     #[test]
     fn patterns_are_cropped_to_what_there_is() {
         let codes: Vec<u8> = (0..12).collect();
-        let pattern = Pattern { width: 4, height: 3, codes: codes.into() };
+        let pattern = Pattern { width: 4, height: 3, codes: codes.into(), light: crate::patterns::Primary::White };
         let image = decode(&pattern_png(&pattern, Crop { u0: 1, v0: 1, width: 2, height: 9 }));
         assert_eq!(image.dimensions(), (2, 2));
         assert_eq!((image.get_pixel(0, 0).0[0], image.get_pixel(1, 1).0[0]), (5, 10));

@@ -28,6 +28,7 @@ fn record(text: &str) -> RunRecord {
         noise_rel: 0.01,
         saturated_fraction: 0.0,
         gains: vec![1.0; 25],
+        colour_space: crate::radiometry::ColourSpace::Camera,
         capture: Default::default(),
     }
 }

@@ -115,6 +115,14 @@ fn write_and(path: &Path, bytes: &[u8], finish: impl FnOnce(&fs::File) -> io::Re
     })
 }
 
+/// Removes a file.
+///
+/// # Errors
+/// [`StoreError::Write`].
+pub fn remove(path: &Path) -> Result<(), StoreError> {
+    fs::remove_file(path).map_err(|source| StoreError::Write { path: path.to_owned(), source })
+}
+
 /// Makes a folder whole or not at all: `fill` gets a temporary name beside it, renamed when all is written.
 ///
 /// # Errors

@@ -14,13 +14,14 @@ use super::clock::{RealClock, VirtualClock};
 use super::devices::{Devices, Truth, TwinCameraFactory, TwinProjectorFactory, World};
 use super::forward::{Accuracy, PatternLight, ResponseField};
 use super::geometry::InverseMap;
+use super::pixels::Pixels;
 use super::targets::{Target, View};
 use super::{Faults, TwinConfig};
 use crate::calibrate::GRAY_CARD_ALBEDO;
 use crate::capture::{Bench, CameraFactory, CaptureError, Clock, Placement, ProjectorFactory, Triggering};
 use crate::geometry::{Direction, Sample, Zone};
 use crate::optics::{Device, Misaligned, Rig};
-use crate::patterns::{Pattern, Rect, TagLayout};
+use crate::patterns::{Pattern, Primary, Rect, TagLayout};
 use crate::reflectance::{Brdf, Lambert};
 
 /// Pixels are integrated over this many samples along each side.
@@ -38,6 +39,11 @@ pub(super) struct Scene {
     config: TwinConfig,
     accuracy: Accuracy,
     sample: Arc<dyn Brdf>,
+    /// What [`Placement::GrayCard`] puts in place.
+    card: Arc<dyn Brdf>,
+    differences: Option<Pixels>,
+    /// Panel pixels whose light goes into the zone; known only where there is stray light.
+    lit_zone: Vec<usize>,
     placement: Placement,
     camera: Misaligned,
     projector: Misaligned,
@@ -86,11 +92,16 @@ impl Scene {
             })
             .collect();
         let border = border(rig, &projector, &camera);
+        let differences = Pixels::new(&config.sensor, width * rig.camera.height_px);
+        let lit_zone = if config.stray_share == 0.0 { Vec::new() } else { lit_zone(rig) };
         Self {
             rig: rig.clone(),
             config,
             accuracy,
             sample,
+            card: Arc::new(Lambert::gray(GRAY_CARD_ALBEDO)),
+            differences,
+            lit_zone,
             placement: Placement::Sample,
             camera,
             projector,
@@ -194,21 +205,22 @@ impl Scene {
         let pattern = &self.sequence[shown];
         let ([u0, v0], [width, height]) = self.dome_panel();
         let mut hasher = DefaultHasher::new();
+        pattern.light.hash(&mut hasher);
         for v in v0..v0 + height {
             pattern.codes[v * pattern.width + u0..][..width].hash(&mut hasher);
         }
         (hasher.finish(), self.mean_light(pattern).to_bits())
     }
 
-    /// The light of some patterns of the sequence.
-    fn pattern_light(&self, patterns: &[usize]) -> PatternLight {
+    /// The light of some frames.
+    fn pattern_light(&self, frames: &[&Pattern]) -> PatternLight {
         let p = &self.rig.projector;
         let (origin, size) = self.dome_panel();
-        let means: Vec<f64> = patterns.iter().map(|&i| self.mean_light(&self.sequence[i])).collect();
+        let means: Vec<f64> = frames.iter().map(|frame| self.mean_light(frame)).collect();
         let (lights, vignetting) = (self.code_lights(), self.vignetting());
-        PatternLight::new(origin, size, patterns.len(), |pattern, column, row| {
+        PatternLight::new(origin, size, frames.len(), |pattern, column, row| {
             let pixel = row * p.width_px + column;
-            let code = self.sequence[patterns[pattern]].codes[pixel];
+            let code = frames[pattern].codes[pixel];
             (lights[usize::from(code)] * vignetting[pixel] + self.config.leakage * means[pattern]) as f32
         })
     }
@@ -230,6 +242,10 @@ impl Scene {
             Placement::Sample | Placement::GrayCard | Placement::BlackTrap => {}
         }
         self.add_border(shown, &mut rates);
+        self.add_stray(shown, &mut rates);
+        if self.placement == Placement::BlackTrap {
+            return rates;
+        }
         let content = self.content(shown);
         if !self.reflected.contains_key(&content) {
             let started = Instant::now();
@@ -256,6 +272,43 @@ impl Scene {
         }
     }
 
+    /// Sensitivity of red, green and blue pixels to white light.
+    fn white_gains(&self) -> [f64; 3] {
+        std::array::from_fn(|c| self.config.channel_gains[c] * self.config.crosstalk[c].iter().sum::<f64>())
+    }
+
+    /// Mean light of a pattern over the panel's lit zone, in units of white.
+    fn zone_light(&self, pattern: &Pattern) -> f64 {
+        let (lights, vignetting) = (self.code_lights(), self.vignetting());
+        let light = |&p: &usize| lights[usize::from(pattern.codes[p])] * vignetting[p];
+        self.lit_zone.iter().map(light).sum::<f64>() / self.lit_zone.len().max(1) as f64
+    }
+
+    /// Stray light: smooth over the sensor, in proportion to the pattern's mean.
+    fn add_stray(&self, shown: usize, rates: &mut [f32]) {
+        if self.config.stray_share == 0.0 {
+            return;
+        }
+        let pattern = &self.sequence[shown];
+        let card = self.config.stray_share * self.lamp_e_s() * self.gray_card_radiance();
+        let lit = card * self.zone_light(pattern);
+        let unlit = card * self.code_lights()[0];
+        let c = &self.rig.camera;
+        for (i, rate) in rates.iter_mut().enumerate() {
+            let (column, row) = (i % c.width_px, i / c.width_px);
+            let x = 2.0 * (column as f64 + 0.5) / c.width_px as f64 - 1.0;
+            let y = 2.0 * (row as f64 + 0.5) / c.height_px as f64 - 1.0;
+            let profile = 1.0 + 0.3 * x + 0.2 * (1.0 - 3.0 * y * y);
+            let channels = c.mosaic.channels(column, row);
+            let light = |&channel: &usize| {
+                let shares = self.config.crosstalk[channel].iter().enumerate();
+                let seen = shares.map(|(p, share)| share * if pattern.light.lights(p) { lit } else { unlit });
+                self.config.channel_gains[channel] * seen.sum::<f64>()
+            };
+            *rate += (profile * channels.iter().map(light).sum::<f64>() / channels.len() as f64) as f32;
+        }
+    }
+
     /// What every pixel gets from the sample for every pattern of the sequence.
     fn reflect(&mut self) {
         let mut contents: Vec<(Content, usize)> = (0..self.sequence.len()).map(|i| (self.content(i), i)).collect();
@@ -263,12 +316,14 @@ impl Scene {
         contents.sort_by_key(|&(content, i)| (content, i));
         contents.dedup_by_key(|&mut (content, _)| content);
         contents.sort_by_key(|&(_, i)| i);
-        let new: Vec<usize> = contents.iter().map(|&(_, i)| i).collect();
-        let brdf: Arc<dyn Brdf> = match self.placement {
-            Placement::GrayCard => Arc::new(Lambert { albedo: [GRAY_CARD_ALBEDO; 3] }),
-            _ => self.sample.clone(),
-        };
-        let light = self.pattern_light(&new);
+        let new: Vec<&Pattern> = contents.iter().map(|&(_, i)| &self.sequence[i]).collect();
+        let p = &self.rig.projector;
+        // Beside a coloured frame, what its dark primaries show.
+        let coloured = new.iter().any(|pattern| pattern.light != Primary::White);
+        let black = coloured.then(|| Pattern::full(p.width_px, p.height_px, 0));
+        let frames: Vec<&Pattern> = new.iter().copied().chain(&black).collect();
+        let brdf = if self.placement == Placement::GrayCard { &self.card } else { &self.sample };
+        let light = self.pattern_light(&frames);
         let field = ResponseField::new(brdf.as_ref(), &light, &self.inverse, self.dome, &self.accuracy);
         let lamp = self.lamp_e_s() / (PIXEL_SAMPLES * PIXEL_SAMPLES) as f64;
         let width = self.rig.camera.width_px;
@@ -281,7 +336,14 @@ impl Scene {
             for wo in directions {
                 for &c in channels {
                     let gain = self.config.channel_gains[c] / channels.len() as f64;
-                    field.add_radiance(wo, c, lamp * falloff * gain, row);
+                    for (p, share) in self.config.crosstalk[c].iter().enumerate().filter(|(_, share)| **share != 0.0) {
+                        let scale = lamp * falloff * gain * share;
+                        if coloured {
+                            add_coloured(&field, wo, p, scale, &new, row);
+                        } else {
+                            field.add_radiance(wo, p, scale, row);
+                        }
+                    }
                 }
             }
         });
@@ -315,10 +377,10 @@ impl Scene {
         self.target = Some(target);
     }
 
-    /// Sensitivity of a pixel.
+    /// Sensitivity of a pixel to white light.
     fn channel_gain(&self, column: usize, row: usize) -> f64 {
         let channels = self.rig.camera.mosaic.channels(column, row);
-        channels.iter().map(|&c| self.config.channel_gains[c]).sum::<f64>() / channels.len() as f64
+        channels.iter().map(|&c| self.white_gains()[c]).sum::<f64>() / channels.len() as f64
     }
 
     /// The white screen: a pixel sees one point of it, and that one direction of the projector.
@@ -369,19 +431,30 @@ impl Scene {
                 sum
             }
         };
-        let c = &self.rig.camera;
+        let (c, truth) = (&self.rig.camera, &self.config.sensor);
         let lamp = 1.0 + self.config.lamp_drift_per_min * time_s / 60.0;
         let (t, white) = (exposure_s as f32, f32::from(c.white_dn()));
         let (ambient, lamp) = (self.config.ambient_e_s as f32, lamp as f32);
-        let (gain, black, well) = (c.gain_dn_per_e as f32, c.black_level_dn as f32, c.full_well_e as f32);
-        let dark_variance = (c.dark_noise_e * c.dark_noise_e) as f32;
+        let (gain, black, well) = (
+            (c.gain_dn_per_e * truth.gain) as f32,
+            (c.black_level_dn + truth.black_level_dn) as f32,
+            (c.full_well_e * truth.full_well) as f32,
+        );
+        let dark_variance = (c.dark_noise_e * truth.dark_noise).powi(2) as f32;
+        let differences = self.differences.as_ref();
         let (seed, noise) = (self.config.seed, self.config.noise);
         let mut samples = vec![0u16; rates.len()];
         samples.par_chunks_mut(c.width_px).zip(rates.par_chunks(c.width_px)).enumerate().for_each(
             |(row, (samples, rates))| {
                 let mut rng = row_generator(seed, number, row as u64);
-                for (sample, &rate) in samples.iter_mut().zip(rates) {
-                    let mean = (ambient + (rate - ambient) * lamp) * t;
+                for (column, (sample, &rate)) in samples.iter_mut().zip(rates).enumerate() {
+                    let mut mean = (ambient + (rate - ambient) * lamp) * t;
+                    let mut offset = 0.0;
+                    if let Some(pixels) = differences {
+                        let at = row * c.width_px + column;
+                        mean = mean * pixels.response[at] + pixels.dark_e_s[at] * t;
+                        offset = pixels.offset_e[at];
+                    }
                     // Beside 10 electrons of dark noise, Poisson and normal shot noise cannot be told apart.
                     let noise = if noise {
                         let unit: f32 = StandardNormal.sample(&mut rng);
@@ -389,7 +462,7 @@ impl Scene {
                     } else {
                         0.0
                     };
-                    *sample = (black + gain * (mean + noise).min(well) + 0.5).clamp(0.0, white) as u16;
+                    *sample = (black + gain * (mean + noise + offset).min(well) + 0.5).clamp(0.0, white) as u16;
                 }
             },
         );
@@ -398,6 +471,33 @@ impl Scene {
         }
         samples
     }
+}
+
+/// Adds the light of one primary, which in patterns without it is that of the black frame at the end of `field`.
+fn add_coloured(
+    field: &ResponseField,
+    wo: &Direction<Sample>,
+    primary: usize,
+    scale: f64,
+    patterns: &[&Pattern],
+    row: &mut [f32],
+) {
+    let black = row.len();
+    let mut all = vec![0.0; black + 1];
+    field.add_radiance(wo, primary, scale, &mut all);
+    for ((sum, &lit), pattern) in row.iter_mut().zip(&all).zip(patterns) {
+        *sum += if pattern.light.lights(primary) { lit } else { all[black] };
+    }
+}
+
+/// Panel pixels whose light goes into the zone.
+fn lit_zone(rig: &Rig) -> Vec<usize> {
+    let (map, zone, p) = (rig.projector_map(), rig.zone(), &rig.projector);
+    let lit = |&i: &usize| {
+        let direction = map.direction((i % p.width_px) as f64 + 0.5, (i / p.width_px) as f64 + 0.5);
+        direction.is_some_and(|d| zone.contains(d.theta()))
+    };
+    (0..p.width_px * p.height_px).filter(lit).collect()
 }
 
 /// Sensor pixels that look past the mirrors at the coded patch, the panel's pixel each sees, and the share of its light that
@@ -450,6 +550,17 @@ impl TwinBench {
             faults: Faults::default(),
             triggering: Triggering::Triggered,
         })
+    }
+
+    /// The same rig with another material on its gray card.
+    pub fn with_card(self, card: Arc<dyn Brdf>) -> Self {
+        self.changed(|world| world.scene.get_mut().unwrap_or_else(PoisonError::into_inner).card = card)
+    }
+
+    /// Sensor pixels of this rig that are hot, row by row: for tests.
+    pub fn hot_pixels(&self) -> Vec<bool> {
+        let scene = self.world.scene.lock().unwrap_or_else(PoisonError::into_inner);
+        scene.differences.as_ref().map_or_else(Vec::new, |d| d.dark_e_s.iter().map(|e| *e > 0.0).collect())
     }
 
     fn in_world(world: World) -> Self {

@@ -41,6 +41,62 @@ pub struct TwinConfig {
     /// Growth of the lamp's light in a minute, relative.
     #[serde(default)]
     pub lamp_drift_per_min: f64,
+    /// Stray light on the whole sensor whatever is in the sample's place: a share of what the gray card sends under even
+    /// light of the pattern's mean over the zone. 0.01 adds 1% of that, more on one side of the sensor than on the other.
+    #[serde(default)]
+    pub stray_share: f64,
+    /// What a camera channel gets from each primary of the projector, `[channel][primary]`. Materials are given by what
+    /// they reflect of each primary.
+    #[serde(default = "identity")]
+    pub crosstalk: [[f64; 3]; 3],
+    /// How the camera differs from the rig file.
+    #[serde(default)]
+    pub sensor: SensorTruth,
+}
+
+/// The simulated camera beside what the rig file says of it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SensorTruth {
+    /// Conversion gain over the rig file's.
+    pub gain: f64,
+    /// Dark noise over the rig file's.
+    pub dark_noise: f64,
+    /// Full well over the rig file's.
+    pub full_well: f64,
+    /// Black level less the rig file's, DN.
+    pub black_level_dn: f64,
+    /// Share of pixels that are hot.
+    pub hot_share: f64,
+    /// Dark current of a hot pixel, electrons/s.
+    pub hot_e_s: f64,
+    /// Standard deviation of the dark signal between pixels, electrons.
+    pub dsnu_e: f64,
+    /// Relative standard deviation of the response between pixels.
+    pub prnu_rel: f64,
+    /// Seed of the differences between pixels, which stay when the noise changes.
+    pub seed: u64,
+}
+
+impl Default for SensorTruth {
+    /// As in the rig file, all pixels alike.
+    fn default() -> Self {
+        Self {
+            gain: 1.0,
+            dark_noise: 1.0,
+            full_well: 1.0,
+            black_level_dn: 0.0,
+            hot_share: 0.0,
+            hot_e_s: 0.0,
+            dsnu_e: 0.0,
+            prnu_rel: 0.0,
+            seed: 0,
+        }
+    }
+}
+
+fn identity() -> [[f64; 3]; 3] {
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 }
 
 fn border_radiance() -> f64 {
@@ -78,6 +134,9 @@ impl TwinConfig {
             border_radiance: border_radiance(),
             latency_refreshes: latency_refreshes(),
             lamp_drift_per_min: 0.0,
+            stray_share: 0.0,
+            crosstalk: identity(),
+            sensor: SensorTruth::default(),
         }
     }
 

@@ -12,11 +12,12 @@ mod devices;
 mod faults;
 mod forward;
 mod geometry;
+mod pixels;
 mod targets;
 
 pub use bench::TwinBench;
 pub use clock::{RealClock, VirtualClock};
-pub use config::TwinConfig;
+pub use config::{SensorTruth, TwinConfig};
 pub use devices::Truth;
 pub use faults::Faults;
 pub use forward::{Accuracy, PatternLight, ResponseField, lobe_width};

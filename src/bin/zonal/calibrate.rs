@@ -1,15 +1,29 @@
 //! `zonal calibrate`.
 
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::Context;
 use clap::ValueEnum;
-use zonal::calibrate::{CalibrationSet, DeviceAlignment, align, flat_field, gray_card, gray_card_plan, map, response};
+use serde_json::json;
+use zonal::calibrate::{
+    Acceptance, CameraFigures, DeviceAlignment, Devices, EmvaDescription, Folder, Header, Kind as Part, Known,
+    NoiseFigures, Origin, Reference, RigMap, align, black_trap, colour, flat_field, gray_card, gray_card_plan,
+    linearity, map, noise, response,
+};
+use zonal::capture::{Placement, SensorMaps};
+use zonal::optics::Rig;
+use zonal::patterns::{Exitant, Plan};
+use zonal::radiometry::{LinearRange, Response};
+use zonal::reduce::Coefficients;
+use zonal::reflectance::Brdf;
 use zonal::store::{self, StoreError};
+use zonal::twin::TwinBench;
 
-use crate::common::{self, Report};
+use crate::common::{self, BadUsage, Report};
 
-#[derive(Clone, Copy, ValueEnum)]
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
 enum Kind {
     /// The projector's response, black level and contrast.
     Response,
@@ -21,6 +35,15 @@ enum Kind {
     FlatField,
     /// The scale of every channel; needs `response` and `flat-field` in the same folder, uses `map`.
     GrayCard,
+    /// Stray light, which is then taken from the gray card and from measurements; needs response and flat-field. Comes
+    /// before gray-card.
+    BlackTrap,
+    /// The camera's gain, dark noise, black level, saturation, linear range and hot pixels. Comes first.
+    Noise,
+    /// The camera's linear range alone.
+    Linearity,
+    /// The projector's primaries as the camera's channels see them.
+    Colour,
 }
 
 #[derive(clap::Args)]
@@ -29,7 +52,7 @@ pub struct Args {
     kind: Kind,
     /// Rig file.
     rig: PathBuf,
-    /// Folder the calibration is written to.
+    /// Folder the calibration is written to; calibrations in it are used.
     #[arg(long)]
     out: PathBuf,
     /// Calibrate the simulated rig.
@@ -41,102 +64,337 @@ pub struct Args {
     /// What is out of place in the simulated rig: a JSON file with any of the keys of `perturbation` in run.json.
     #[arg(long, value_name = "FILE.json")]
     misalign: Option<PathBuf>,
+    /// Plan whose order and directions black-trap is to serve; without it, the gray card's own.
+    #[arg(long)]
+    plan: Option<PathBuf>,
+    /// What is in the gray card's place: a .csv or .json table of reflectance factors (theta_i_deg, theta_o_deg, factor), or
+    /// a material as for `zonal measure --simulate`.
+    #[arg(long, value_name = "FILE")]
+    reference: Option<String>,
+    /// Albedo of an ideal diffuser in the gray card's place (0.18); with --reference, a factor of its values.
+    #[arg(long)]
+    albedo: Option<f64>,
+    /// Take noise from a data set for EMVA 1288 (its description file) instead of from the camera.
+    #[arg(long, value_name = "FILE")]
+    emva: Option<PathBuf>,
+}
+
+impl Kind {
+    /// What has to be put in place, in this order.
+    fn placements(self) -> &'static [Placement] {
+        match self {
+            Kind::Response | Kind::GrayCard | Kind::Linearity | Kind::Colour => &[Placement::GrayCard],
+            Kind::Align => &[Placement::PrintedCross, Placement::Crosses],
+            Kind::Map => &[Placement::Mirror],
+            Kind::FlatField => &[Placement::Screen],
+            Kind::BlackTrap => &[Placement::BlackTrap],
+            Kind::Noise => &[Placement::BlackTrap, Placement::GrayCard],
+        }
+    }
+}
+
+/// A calibration under way: the rig, its folder, and what is there already.
+struct Job<'a> {
+    args: &'a Args,
+    /// As in its file.
+    rig: Rig,
+    /// With the camera's measured figures.
+    measured: Rig,
+    camera: Option<(Header, CameraFigures)>,
+    sensor: Option<SensorMaps>,
+    map: Option<RigMap>,
+    origin: Origin,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Report> {
     let rig = common::rig(&args.rig)?;
     common::makeable(&args.out)?;
+    let misplaced = [
+        ("--plan", args.plan.is_some() && args.kind != Kind::BlackTrap),
+        ("--reference", args.reference.is_some() && args.kind != Kind::GrayCard),
+        ("--albedo", args.albedo.is_some() && args.kind != Kind::GrayCard),
+        ("--emva", args.emva.is_some() && args.kind != Kind::Noise),
+    ];
+    if let Some((option, _)) = misplaced.into_iter().find(|m| m.1) {
+        let message = format!("{option} says nothing to this kind of calibration: leave it out");
+        return Err(BadUsage(message).into());
+    }
+    if let Some(description) = &args.emva {
+        let job = Job::new(args, rig, Devices::Real)?;
+        return job.noise_on_disk(description);
+    }
     if !args.simulate {
         return Err(common::no_devices());
     }
-    let config = common::twin(args.seed, args.misalign.as_deref())?;
-    let config = common::for_calibration(&config);
-    let mut bench = common::bench(&rig, &config, zonal::reflectance::open("gray-card")?);
+    if std::io::stderr().is_terminal() {
+        let names: Vec<String> = args.kind.placements().iter().map(Placement::to_string).collect();
+        eprintln!("this needs in place: {}", names.join(", then "));
+    }
+    let job = Job::new(args, rig, Devices::Simulated { seed: args.seed })?;
+    let mut bench = job.bench()?;
     match args.kind {
-        Kind::Response => {
-            let response = response(&rig, &mut bench)?;
-            write(&args.out, |folder| CalibrationSet::write_response(&response, folder, &rig))?;
-            let text = format!("contrast {:.1}:1; response.json in {}", response.contrast(), args.out.display());
-            Ok(Report { text, json: serde_json::json!({ "kind": "response", "contrast": response.contrast() }) })
-        }
-        Kind::Align => {
-            let found = align(&rig, &mut bench)?;
-            write(&args.out, |folder| CalibrationSet::write_align(&found, folder, &rig))?;
-            let told = |name: &str, d: &DeviceAlignment| {
-                let ([x, y], [ex, ey], [a, b], [ea, eb]) =
-                    (d.displacement_mm, d.displacement_error_mm, d.turn_deg, d.turn_error_deg);
-                format!(
-                    "{name}: x {x:+.3} +- {ex:.3} mm, y {y:+.3} +- {ey:.3} mm; turned {a:+.3} +- {ea:.3} deg about x, \
-                     {b:+.3} +- {eb:.3} deg about y\n  {}\n",
-                    d.instruction(name)
-                )
-            };
-            let text = format!(
-                "{}{}x and y as the device sees them, through the beam splitter; align.json in {}",
-                told("camera", &found.camera),
-                told("projector", &found.projector),
-                args.out.display()
-            );
-            let instructions = [found.camera.instruction("camera"), found.projector.instruction("projector")];
-            let json = serde_json::json!({ "kind": "align", "alignment": found, "instructions": instructions });
-            Ok(Report { text, json })
-        }
-        Kind::Map => {
-            let needs = "the map needs `zonal calibrate response` in the same --out first";
-            let response = CalibrationSet::read_response(&args.out, &rig).context(needs)?;
-            let known = CalibrationSet::read_align(&args.out, &rig)?;
-            let found = map(&rig, &mut bench, &response, known.as_ref())?;
-            found.check_zone(&rig)?;
-            CalibrationSet::write_map(&found, &args.out, &rig)?;
-            let text = format!(
-                "{} + {} pairs, residuals {:.3} and {:.3} px; directions to {:.3} deg (camera) and {:.3} deg (projector){}\n\
-                 usable zone {:.2} +- {:.2} to {:.2} +- {:.2} deg, fringes seen in {:.1}% of it; map.json in {}",
-                found.pairs[0],
-                found.pairs[1],
-                found.residual_px[0],
-                found.residual_px[1],
-                found.direction_error_deg[0],
-                found.direction_error_deg[1],
-                if known.is_some() { "" } else { "; `zonal calibrate align` first would tell more" },
-                found.zone_deg[0],
-                found.zone_error_deg[0],
-                found.zone_deg[1],
-                found.zone_error_deg[1],
-                100.0 * found.seen_share,
-                args.out.display()
-            );
-            Ok(Report { text, json: serde_json::json!({ "kind": "map", "map": found }) })
-        }
-        Kind::FlatField => {
-            let map = CalibrationSet::read_map(&args.out, &rig)?;
-            let flat = flat_field(&rig, &mut bench, map.as_ref())?;
-            write(&args.out, |folder| CalibrationSet::write_flat_field(&flat, folder, &rig))?;
-            let darkest = flat.values.iter().copied().fold(1.0f32, f32::min);
-            let text = format!("darkest pixel {darkest:.3} of the brightest; flat-field.exr in {}", args.out.display());
-            Ok(Report { text, json: serde_json::json!({ "kind": "flat-field", "darkest": darkest }) })
-        }
-        Kind::GrayCard => {
-            let needs = "the gray card needs `zonal calibrate response` and `flat-field` in the same --out first";
-            let response = CalibrationSet::read_response(&args.out, &rig).context(needs)?;
-            let flat = CalibrationSet::read_flat_field(&args.out, &rig).context(needs)?;
-            let map = CalibrationSet::read_map(&args.out, &rig)?;
-            let mut bar = common::frames_bar("gray card");
-            let plan = gray_card_plan(&rig);
-            let (scale, check) = gray_card(&rig, &mut bench, &plan, &response, &flat, map.as_ref(), &mut bar)?;
-            CalibrationSet::write_gray_card(&scale, &check, &args.out, &rig)?;
-            let text = format!(
-                "z_10 off by {:.3}% of z_00, z_20 by {:.3}% (largest {:.3}%); gray-card.json in {}",
-                100.0 * check.z_10_error,
-                100.0 * check.z_20_error,
-                100.0 * check.worst_error,
-                args.out.display()
-            );
-            Ok(Report { text, json: serde_json::json!({ "kind": "gray-card", "check": check }) })
-        }
+        Kind::Response => job.response(&mut bench),
+        Kind::Align => job.align(&mut bench),
+        Kind::Map => job.map(&mut bench),
+        Kind::FlatField => job.flat_field(&mut bench),
+        Kind::GrayCard => job.gray_card(bench),
+        Kind::BlackTrap => job.black_trap(&mut bench),
+        Kind::Noise => job.noise(&mut bench),
+        Kind::Linearity => job.linearity(&mut bench),
+        Kind::Colour => job.colour(&mut bench),
     }
 }
 
-/// Adds a file to the folder, or makes the folder with it.
-fn write(folder: &Path, file: impl FnOnce(&Path) -> Result<(), StoreError>) -> Result<(), StoreError> {
-    if folder.is_dir() { file(folder) } else { store::write_dir(folder, file) }
+impl<'a> Job<'a> {
+    fn new(args: &'a Args, rig: Rig, devices: Devices) -> anyhow::Result<Self> {
+        let origin = Origin { date: jiff::Timestamp::now(), devices };
+        let accept = accepted(devices);
+        let files = Folder { path: &args.out, rig: &rig, accept };
+        let camera = files.if_there(Part::Camera, Folder::read_camera).transpose()?;
+        let sensor = files.if_there(Part::CameraMaps, Folder::read_maps).transpose()?.map(|(_, sensor)| sensor);
+        let map = files.if_there(Part::Map, Folder::read_map).transpose()?.map(|(_, map)| map);
+        let measured = camera.as_ref().map_or_else(|| rig.clone(), |(_, camera)| camera.of_rig(&rig));
+        Ok(Self { args, rig, measured, camera, sensor, map, origin })
+    }
+
+    fn bench(&self) -> anyhow::Result<TwinBench> {
+        let config = common::for_calibration(&common::twin(self.args.seed, self.args.misalign.as_deref())?);
+        Ok(common::bench(&self.rig, &config, zonal::reflectance::open("gray-card")?))
+    }
+
+    fn files(&self) -> Folder<'_> {
+        Folder { path: &self.args.out, rig: &self.rig, accept: accepted(self.origin.devices) }
+    }
+
+    /// Adds files to the folder, or makes the folder with them.
+    fn write(&self, files: impl FnOnce(&Folder<'_>) -> Result<(), StoreError>) -> Result<(), StoreError> {
+        let fill = |path: &Path| files(&Folder { path, ..self.files() });
+        if self.args.out.is_dir() { fill(&self.args.out) } else { store::write_dir(&self.args.out, fill) }
+    }
+
+    fn header(&self, part: Part) -> Header {
+        Header::new(part, &self.rig, Some(&self.origin))
+    }
+
+    /// What it says, with the file it left.
+    fn report(&self, text: &str, part: Part, mut json: serde_json::Value) -> Report {
+        json["file"] = common::said(&self.args.out.join(part.file())).into();
+        Report { text: format!("{text}; {} in {}", part.file(), self.args.out.display()), json }
+    }
+
+    fn response(&self, bench: &mut TwinBench) -> anyhow::Result<Report> {
+        let (response, channels) = response(&self.measured, bench)?;
+        self.write(|f| f.write_response(&self.header(Part::Response), &response, Some(&channels)))?;
+        let [red, green, blue] = channels.each_ref().map(Response::contrast);
+        let contrast = response.contrast();
+        let text = format!("contrast {contrast:.1}:1 (red {red:.1}, green {green:.1}, blue {blue:.1})");
+        let json = json!({ "kind": "response", "contrast": contrast, "channel_contrast": [red, green, blue] });
+        Ok(self.report(&text, Part::Response, json))
+    }
+
+    fn align(&self, bench: &mut TwinBench) -> anyhow::Result<Report> {
+        let found = align(&self.measured, bench)?;
+        self.write(|f| f.write_align(&self.header(Part::Align), &found))?;
+        let told = |name: &str, d: &DeviceAlignment| {
+            let ([x, y], [ex, ey], [a, b], [ea, eb]) =
+                (d.displacement_mm, d.displacement_error_mm, d.turn_deg, d.turn_error_deg);
+            format!(
+                "{name}: x {x:+.3} +- {ex:.3} mm, y {y:+.3} +- {ey:.3} mm; turned {a:+.3} +- {ea:.3} deg about x, \
+                 {b:+.3} +- {eb:.3} deg about y\n  {}\n",
+                d.instruction(name)
+            )
+        };
+        let text = format!(
+            "{}{}x and y as the device sees them, through the beam splitter",
+            told("camera", &found.camera),
+            told("projector", &found.projector)
+        );
+        let instructions = [found.camera.instruction("camera"), found.projector.instruction("projector")];
+        let json = json!({ "kind": "align", "alignment": found, "instructions": instructions });
+        Ok(self.report(&text, Part::Align, json))
+    }
+
+    fn map(&self, bench: &mut TwinBench) -> anyhow::Result<Report> {
+        let needs = "the map needs `zonal calibrate response` in the same --out first";
+        let (_, (response, _)) = self.files().read_response().context(needs)?;
+        let known = self.files().if_there(Part::Align, Folder::read_align).transpose()?.map(|(_, known)| known);
+        let found = map(&self.measured, bench, &response, known.as_ref())?;
+        found.check_zone(&self.rig)?;
+        self.write(|f| f.write_map(&self.header(Part::Map), &found))?;
+        let text = format!(
+            "{} + {} pairs, residuals {:.3} and {:.3} px; directions to {:.3} deg (camera) and {:.3} deg (projector){}\n\
+             usable zone {:.2} +- {:.2} to {:.2} +- {:.2} deg, fringes seen in {:.1}% of it",
+            found.pairs[0],
+            found.pairs[1],
+            found.residual_px[0],
+            found.residual_px[1],
+            found.direction_error_deg[0],
+            found.direction_error_deg[1],
+            if known.is_some() { "" } else { "; `zonal calibrate align` first would tell more" },
+            found.zone_deg[0],
+            found.zone_error_deg[0],
+            found.zone_deg[1],
+            found.zone_error_deg[1],
+            100.0 * found.seen_share
+        );
+        Ok(self.report(&text, Part::Map, json!({ "kind": "map", "map": found })))
+    }
+
+    fn flat_field(&self, bench: &mut TwinBench) -> anyhow::Result<Report> {
+        let flat = flat_field(&self.measured, bench, self.map.as_ref())?;
+        self.write(|f| f.write_flat_field(&self.header(Part::FlatField), &flat))?;
+        let darkest = flat.values.iter().copied().fold(1.0f32, f32::min);
+        let text = format!("darkest pixel {darkest:.3} of the brightest");
+        Ok(self.report(&text, Part::FlatField, json!({ "kind": "flat-field", "darkest": darkest })))
+    }
+
+    fn gray_card(&self, mut bench: TwinBench) -> anyhow::Result<Report> {
+        let trap = self.files().if_there(Part::BlackTrap, Folder::read_black_trap).transpose()?.map(|(_, trap)| trap);
+        let reference = reference(self.args)?;
+        bench = bench.with_card(reference.brdf() as Arc<dyn Brdf>);
+        let mut plan = gray_card_plan(&self.rig);
+        if let Some(trap) = &trap {
+            plan.exitant = Exitant { rings: trap.grid.rings(), sectors: trap.grid.sectors() };
+        }
+        let (scale, check) = self.zonal(trap.as_ref(), |known| {
+            let mut bar = common::frames_bar("gray card");
+            Ok(gray_card(&self.measured, &mut bench, &plan, known, &reference, &mut bar)?)
+        })?;
+        self.write(|f| f.write_gray_card(&self.header(Part::GrayCard), &scale, &check))?;
+        let stray = if trap.is_some() { ", stray light taken off" } else { "" };
+        let text = format!(
+            "{}: z_10 off by {:.3}% of z_00, z_20 by {:.3}% (largest {:.3}%){stray}",
+            reference.name,
+            100.0 * check.z_10_error,
+            100.0 * check.z_20_error,
+            100.0 * check.worst_error,
+        );
+        let json = json!({ "kind": "gray-card", "check": check, "reference": reference.name, "trap": trap.is_some() });
+        Ok(self.report(&text, Part::GrayCard, json))
+    }
+
+    fn black_trap(&self, bench: &mut TwinBench) -> anyhow::Result<Report> {
+        let plan = match &self.args.plan {
+            // Exposures are the gray card's: there is little light whatever the sample will need.
+            Some(path) => {
+                let plan = common::plan(path)?;
+                Plan { exposure: Plan::of_order(plan.order).exposure, automatic: None, ..plan }
+            }
+            None => gray_card_plan(&self.rig),
+        };
+        let trap = self.zonal(None, |known| {
+            let mut bar = common::frames_bar("black trap");
+            Ok(black_trap(&self.measured, bench, &plan, known, &mut bar)?)
+        })?;
+        self.write(|f| f.write_black_trap(&self.header(Part::BlackTrap), &trap))?;
+        let mean = mean_constant(&trap);
+        let text = format!("order {}: stray light {mean:.3e} e-/s in z_00", trap.order);
+        let json = json!({ "kind": "black-trap", "order": trap.order, "z_00_e_s": mean });
+        Ok(self.report(&text, Part::BlackTrap, json))
+    }
+
+    /// Runs what needs the projector's calibrations.
+    fn zonal<T>(
+        &self,
+        trap: Option<&Coefficients>,
+        measure: impl FnOnce(Known<'_>) -> anyhow::Result<T>,
+    ) -> anyhow::Result<T> {
+        let needs = "this needs `zonal calibrate response` and `flat-field` in the same --out first";
+        let (_, (response, _)) = self.files().read_response().context(needs)?;
+        let (_, flat) = self.files().read_flat_field().context(needs)?;
+        let (sensor, map) = (self.sensor.as_ref(), self.map.as_ref());
+        measure(Known { response: &response, flat: &flat, sensor, trap, map })
+    }
+
+    fn noise(&self, bench: &mut TwinBench) -> anyhow::Result<Report> {
+        let (figures, maps) = noise(&self.rig, bench)?;
+        self.write(|f| {
+            f.write_maps(&self.header(Part::CameraMaps), &maps)?;
+            f.write_camera(&self.header(Part::Camera), &figures)
+        })?;
+        let bad = maps.bad.iter().filter(|&&bad| bad).count();
+        Ok(self.of_figures("noise", &figures, Some(bad)))
+    }
+
+    /// Noise from a data set on disk.
+    fn noise_on_disk(&self, description: &Path) -> anyhow::Result<Report> {
+        let folder = description.parent().unwrap_or_else(|| Path::new("."));
+        let name = || description.display().to_string();
+        let read = EmvaDescription::read(description).with_context(name)?;
+        let levels = read.levels(folder).with_context(name)?;
+        let noise = NoiseFigures::of(&levels, None).with_context(name)?;
+        let figures = CameraFigures { noise: Some(noise), linear_range: None };
+        self.write(|f| f.write_camera(&self.header(Part::Camera), &figures))?;
+        Ok(self.of_figures("noise", &figures, None))
+    }
+
+    fn linearity(&self, bench: &mut TwinBench) -> anyhow::Result<Report> {
+        let range: LinearRange = linearity(&self.measured, bench)?;
+        let mut header = self.header(Part::Camera);
+        let mut figures = CameraFigures { linear_range: Some(range), noise: None };
+        if let Some((former, camera)) = &self.camera {
+            // A file is as old as the oldest of what it holds.
+            header.date = header.date.min(former.date.or(header.date));
+            figures.noise = camera.noise.clone();
+        }
+        self.write(|f| f.write_camera(&header, &figures))?;
+        Ok(self.of_figures("linearity", &figures, None))
+    }
+
+    fn of_figures(&self, kind: &str, figures: &CameraFigures, bad: Option<usize>) -> Report {
+        let mut said = Vec::new();
+        if let Some(noise) = &figures.noise {
+            let t = &noise.transfer;
+            said.push(format!(
+                "gain {:.4} DN/e-, dark noise {:.2} e-, black level {:.2} DN, saturation {:.0} DN, linear to {:.2}%",
+                t.gain_dn_per_e,
+                t.dark_noise_e,
+                noise.black_level_dn,
+                noise.saturation_dn,
+                100.0 * t.linearity_error_rel
+            ));
+        }
+        if let Some(range) = &figures.linear_range {
+            let seen = if range.ends { "" } else { " or beyond, which no exposure reached" };
+            said.push(format!("linear range ends at {:.0} DN{seen}", range.end_dn));
+        }
+        if let Some(bad) = bad {
+            said.push(format!("{bad} pixels not used"));
+        }
+        let json = json!({ "kind": kind, "figures": figures, "bad_pixels": bad });
+        self.report(&said.join("; "), Part::Camera, json)
+    }
+
+    fn colour(&self, bench: &mut TwinBench) -> anyhow::Result<Report> {
+        let colours = colour(&self.measured, bench)?;
+        self.write(|f| f.write_colour(&self.header(Part::Colour), &colours))?;
+        let own = (0..3).map(|c| colours.matrix[c][c]).fold(1.0, f64::min);
+        let text = format!(
+            "a channel gets {:.1}% or more from its own primary, condition {:.2}",
+            100.0 * own,
+            colours.condition
+        );
+        Ok(self.report(&text, Part::Colour, json!({ "kind": "colour", "colour": colours })))
+    }
+}
+
+fn accepted(devices: Devices) -> Acceptance {
+    Acceptance { simulated: Some(matches!(devices, Devices::Simulated { .. })), freshness: None }
+}
+
+fn reference(args: &Args) -> anyhow::Result<Reference> {
+    if let Some(bad) = args.albedo.filter(|a| !(*a > 0.0 && *a <= 1.0)) {
+        return Err(BadUsage(format!("--albedo {bad} is out of range: choose more than 0, at most 1")).into());
+    }
+    Ok(match (&args.reference, args.albedo) {
+        (None, None) => Reference::default(),
+        (None, Some(albedo)) => Reference::ideal(albedo),
+        (Some(name), factor) => Reference::open(name, factor.unwrap_or(1.0))?,
+    })
+}
+
+/// Mean z_00 over directions and channels.
+fn mean_constant(trap: &Coefficients) -> f64 {
+    let values = &trap.values[..3 * trap.grid.len()];
+    values.iter().map(|&z| f64::from(z)).sum::<f64>() / values.len() as f64
 }

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use signal_hook::iterator::Signals;
-use zonal::calibrate::{CalibrateError, CalibrationSet};
+use zonal::calibrate::{Acceptance, CalibrateError, CalibrationSet, Devices, Freshness, Origin};
 use zonal::capture::{CaptureError, Control};
 use zonal::export::{ShMaterial, TensorMaterial};
 use zonal::fit::FitReport;
@@ -15,6 +15,7 @@ use zonal::geometry::Zone;
 use zonal::measure::{MeasureError, RunRecord};
 use zonal::optics::Rig;
 use zonal::patterns::Plan;
+use zonal::radiometry::ColourSpace;
 use zonal::reduce::{Coefficients, ReduceError};
 use zonal::reflectance::{Brdf, Model, open};
 use zonal::store;
@@ -122,13 +123,40 @@ pub fn frames_bar(what: &str) -> impl FnMut(usize, usize) + use<> {
     }
 }
 
-/// The calibrations in a folder or, for a simulated rig without one, made now on that rig.
-pub fn calibration(folder: Option<&Path>, rig: &Rig, config: &TwinConfig) -> anyhow::Result<CalibrationSet> {
+/// Colours of coefficients, as options name them.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+pub enum Colours {
+    /// The camera's own, white-balanced on the gray card.
+    Camera,
+    /// The projector's primaries; needs `zonal calibrate colour`.
+    Projector,
+}
+
+impl Colours {
+    /// The colours meant.
+    pub fn space(self) -> ColourSpace {
+        match self {
+            Colours::Camera => ColourSpace::Camera,
+            Colours::Projector => ColourSpace::Projector,
+        }
+    }
+}
+
+/// The calibrations in a folder, of a simulated rig and of some age at most, or, without one, made now on that rig.
+pub fn calibration(
+    folder: Option<&Path>,
+    rig: &Rig,
+    config: &TwinConfig,
+    max_age_days: Option<f64>,
+) -> anyhow::Result<CalibrationSet> {
+    let now = jiff::Timestamp::now();
     if let Some(folder) = folder {
-        return Ok(CalibrationSet::read(folder, rig)?);
+        let freshness = max_age_days.map(|max_age_days| Freshness { now, max_age_days });
+        return Ok(CalibrationSet::read_for(folder, rig, &Acceptance { simulated: Some(true), freshness })?);
     }
     let mut bench = TwinBench::new(rig, for_calibration(config), open("gray-card")?);
-    Ok(CalibrationSet::make(rig, &mut bench, None, &mut frames_bar("calibrate"))?)
+    let origin = Origin { date: now, devices: Devices::Simulated { seed: config.seed } };
+    Ok(CalibrationSet::make(rig, &mut bench, None, &mut frames_bar("calibrate"))?.made(rig, &origin))
 }
 
 /// The simulated rig, with what a file says is out of place.
@@ -213,6 +241,7 @@ pub fn exit_code(error: &anyhow::Error) -> ExitCode {
             || matches!(cause.downcast_ref(), Some(CalibrateError::Capture(e)) if device(e))
             || matches!(cause.downcast_ref(), Some(CalibrateError::DarkFlatField | CalibrateError::DarkGrayCard))
             || matches!(cause.downcast_ref(), Some(CalibrateError::NoCross { .. } | CalibrateError::NoFringes { .. }))
+            || matches!(cause.downcast_ref(), Some(CalibrateError::Transfer(_) | CalibrateError::Linearity(_)))
             || matches!(cause.downcast_ref(), Some(ReduceError::Incomplete { .. }))
     });
     if failed { ExitCode::from(1) } else { ExitCode::from(2) }

@@ -48,6 +48,12 @@ pub struct Args {
     /// Folder with the rig's calibrations; without it a simulated rig is calibrated first.
     #[arg(long)]
     calibration: Option<PathBuf>,
+    /// Days after which a calibration is too old.
+    #[arg(long, value_name = "DAYS", default_value_t = 30.0)]
+    max_age_days: f64,
+    /// Colours of the coefficients instead of the plan's.
+    #[arg(long, value_enum)]
+    colour: Option<common::Colours>,
     /// Keep every camera frame as a 16-bit PNG.
     #[arg(long)]
     keep_frames: bool,
@@ -55,7 +61,13 @@ pub struct Args {
 
 pub fn run(args: &Args) -> anyhow::Result<Report> {
     let rig = common::rig(&args.rig)?;
-    let plan = common::plan(&args.plan)?;
+    let mut plan = common::plan(&args.plan)?;
+    if let Some(colours) = args.colour {
+        plan = plan.in_colours(colours.space());
+    }
+    if args.max_age_days.is_nan() || args.max_age_days <= 0.0 {
+        return Err(BadUsage(format!("--max-age-days {}: choose a number above 0", args.max_age_days)).into());
+    }
     let faults = faults(&args.fault)?;
     let mut bar = common::frames_bar("measure");
     if args.resume {
@@ -71,7 +83,7 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     }
     // Found out before a calibration is made; the folder itself appears with the first frame.
     let folder = RunFolder::create(&args.out, args.keep_frames)?;
-    let calibration = common::calibration(args.calibration.as_deref(), &rig, &config)?;
+    let calibration = common::calibration(args.calibration.as_deref(), &rig, &config, Some(args.max_age_days))?;
     let mut bench = on_time(common::bench(&rig, &config, sample), args).failing(faults);
     let provenance =
         Provenance { sample: material.clone(), simulation: Some(serde_json::to_value(&config).expect("plain data")) };

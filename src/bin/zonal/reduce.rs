@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use zonal::measure::reduce_run;
 
-use crate::common::Report;
+use crate::common::{Colours, Report};
 use crate::measure::report;
 
 #[derive(clap::Args)]
@@ -14,9 +14,12 @@ pub struct Args {
     /// Scale the channels by this calibration instead of the run's own.
     #[arg(long)]
     calibration: Option<PathBuf>,
+    /// Colours of the coefficients instead of the plan's.
+    #[arg(long, value_enum)]
+    colour: Option<Colours>,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Report> {
-    let (_, record) = reduce_run(&args.run, args.calibration.as_deref())?;
+    let (_, record) = reduce_run(&args.run, args.calibration.as_deref(), args.colour.map(Colours::space))?;
     Ok(report(&record, &args.run))
 }
