@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use super::record::CaptureRecord;
-use super::{AutomaticExposer, MeasureError, Provenance, RunRecord};
+use super::{AutomaticExposer, Budget, Evidence, MeasureError, Provenance, RunRecord};
 use crate::basis::{OrderError, size};
 use crate::calibrate::CalibrationSet;
 use crate::capture::{
@@ -128,6 +128,7 @@ fn new_record(request: &Request<'_>, pairs: &[LobePair]) -> RunRecord {
         saturated_fraction: 0.0,
         gains: pairs.iter().map(|p| p.gain).collect(),
         capture: CaptureRecord::default(),
+        budget: None,
     }
 }
 
@@ -147,7 +148,7 @@ fn perform(
         store::write_json(&folder.file("run.json"), &record)?;
     }
     let captured = capture(request, bench, pairs, folder, progress);
-    let outcome = captured.and_then(|captured| finish(captured, &mut record, started, folder));
+    let outcome = captured.and_then(|captured| finish(request, captured, &mut record, started, folder));
     if let (Err(error), Some(folder)) = (&outcome, folder) {
         let stopped = matches!(error, MeasureError::Capture(CaptureError::Stopped { .. }));
         record.status = if stopped { "stopped" } else { "failed" }.into();
@@ -236,6 +237,7 @@ pub(super) fn reducer(
 }
 
 fn finish(
+    request: &Request<'_>,
     captured: Captured,
     record: &mut RunRecord,
     started: Instant,
@@ -256,6 +258,8 @@ fn finish(
     };
     let coefficients = captured.reducer.finish()?;
     record.noise_rel = coefficients.noise_rel();
+    let evidence = Evidence::new(request.rig, &request.calibration.check, &record.capture);
+    record.budget = Some(Budget::new(&coefficients, &evidence, &record.provenance.assumed));
     if let Some(folder) = folder {
         coefficients.write(&folder.file("coefficients.exr"))?;
     }

@@ -9,6 +9,7 @@
 
 mod axis;
 mod chart;
+mod control;
 mod demo_page;
 mod drawing;
 mod figures;
@@ -30,6 +31,7 @@ use thiserror::Error;
 
 pub use axis::{Axis, Scale};
 pub use chart::{Chart, Mark, Series};
+pub use control::ControlReport;
 pub use fits::{Fits, MethodFit};
 pub use measured::{accuracy, conversions, converted, pictures, slices, spectrum};
 pub use png::{pattern_png, plane_png};

@@ -16,7 +16,7 @@ fn record(text: &str) -> RunRecord {
         status: text.into(),
         rig: text.into(),
         plan: text.into(),
-        provenance: Provenance { sample: text.into(), simulation: None },
+        provenance: Provenance { sample: text.into(), simulation: None, ..Default::default() },
         order: 4,
         images: plan.images(),
         frames: plan.frames(),
@@ -29,6 +29,7 @@ fn record(text: &str) -> RunRecord {
         saturated_fraction: 0.0,
         gains: vec![1.0; 25],
         capture: Default::default(),
+        budget: None,
     }
 }
 
@@ -44,6 +45,7 @@ fn report(text: &str) -> DemoReport {
             z_20_error: -0.001,
             worst_error: 0.004,
             white_balance: [1.1, 1.0, 0.9],
+            scale_sigma_rel: [0.0; 3],
         },
         patterns: vec![picture(), picture()],
         response: picture(),

@@ -216,7 +216,10 @@ impl Scene {
     /// What every pixel gets from the sample for every pattern of the sequence.
     fn reflect(&self) -> Vec<f32> {
         let brdf: Arc<dyn Brdf> = match self.placement {
-            Placement::GrayCard => Arc::new(Lambert { albedo: [GRAY_CARD_ALBEDO; 3] }),
+            Placement::GrayCard => {
+                let albedo = GRAY_CARD_ALBEDO * (1.0 + self.config.card_albedo_error_rel);
+                Arc::new(Lambert { albedo: [albedo; 3] })
+            }
             _ => self.sample.clone(),
         };
         let light = self.pattern_light();

@@ -16,6 +16,15 @@ pub struct Perturbation {
     pub dome_offset_mm: [f64; 2],
     /// Tilt of the sample about x and y.
     pub sample_tilt_deg: [f64; 2],
+    /// Height of the sample above the point both devices are aimed at.
+    #[serde(default)]
+    pub sample_height_mm: f64,
+    /// Relative error of the camera's focal length.
+    #[serde(default)]
+    pub camera_scale_rel: f64,
+    /// Relative error of the projector's focal length: it moves the edges of the zone that is lit.
+    #[serde(default)]
+    pub projector_scale_rel: f64,
 }
 
 impl Perturbation {
@@ -27,6 +36,9 @@ impl Perturbation {
             paraboloid_offset_mm: [0.0; 2],
             dome_offset_mm: [0.0; 2],
             sample_tilt_deg: [0.0; 2],
+            sample_height_mm: 0.0,
+            camera_scale_rel: 0.0,
+            projector_scale_rel: 0.0,
         }
     }
 }
@@ -68,6 +80,9 @@ pub struct TwinConfig {
     /// Growth of the lamp's light in a minute, relative.
     #[serde(default)]
     pub lamp_drift_per_min: f64,
+    /// By how much the gray card in place reflects more than its stated albedo, relative.
+    #[serde(default)]
+    pub card_albedo_error_rel: f64,
 }
 
 fn border_radiance() -> f64 {
@@ -92,6 +107,7 @@ impl TwinConfig {
                 paraboloid_offset_mm: [0.001, -0.0008],
                 dome_offset_mm: [0.003, 0.002],
                 sample_tilt_deg: [0.01, -0.008],
+                ..Perturbation::none()
             },
             contrast: 174.0,
             response_exponent: 1.83,
@@ -104,6 +120,7 @@ impl TwinConfig {
             border_radiance: border_radiance(),
             latency_refreshes: latency_refreshes(),
             lamp_drift_per_min: 0.0,
+            card_albedo_error_rel: 0.0,
         }
     }
 

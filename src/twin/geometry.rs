@@ -15,6 +15,7 @@ pub struct PerturbedDevice {
     paraboloid: Vector3<f64>,
     dome: Vector3<f64>,
     rig_from_sample: Rotation3<f64>,
+    sample_height_mm: f64,
     radius_mm: f64,
     theta_max: f64,
 }
@@ -22,12 +23,20 @@ pub struct PerturbedDevice {
 impl PerturbedDevice {
     /// The camera of a perturbed rig.
     pub fn camera(rig: &Rig, perturbation: &Perturbation) -> Self {
-        Self::new(rig, perturbation, shifted(rig.camera.lens(), perturbation.camera_offset_px))
+        Self::new(
+            rig,
+            perturbation,
+            misplaced(rig.camera.lens(), perturbation.camera_offset_px, perturbation.camera_scale_rel),
+        )
     }
 
     /// The projector of a perturbed rig.
     pub fn projector(rig: &Rig, perturbation: &Perturbation) -> Self {
-        Self::new(rig, perturbation, shifted(rig.projector.lens(), perturbation.projector_offset_px))
+        Self::new(
+            rig,
+            perturbation,
+            misplaced(rig.projector.lens(), perturbation.projector_offset_px, perturbation.projector_scale_rel),
+        )
     }
 
     fn new(rig: &Rig, perturbation: &Perturbation, lens: Lens) -> Self {
@@ -39,6 +48,7 @@ impl PerturbedDevice {
             paraboloid: flat(perturbation.paraboloid_offset_mm),
             dome: flat(perturbation.dome_offset_mm),
             rig_from_sample: Rotation3::from_euler_angles(tilt[0], tilt[1], 0.0),
+            sample_height_mm: perturbation.sample_height_mm,
             radius_mm: rig.paraboloid_radius_mm(),
             theta_max: rig.dome.theta_max_deg.to_radians(),
         }
@@ -65,7 +75,9 @@ impl PerturbedDevice {
         let (hit, normal) = self.hit_dome(&(p + self.paraboloid - self.dome), &d, rho)?;
         let out = d - normal * (2.0 * d.dot(&normal));
         let theta = hit.x.hypot(hit.y).atan2(hit.z);
-        Some((Direction::<RigFrame>::new(-out).to_sample(&self.rig_from_sample), rho, theta))
+        // Of the pupil's rays from here, those that meet a raised sample on the axis leave a little steeper.
+        let seen = -out - Vector3::z() * (self.sample_height_mm / hit.coords.norm());
+        Some((Direction::<RigFrame>::new(seen).to_sample(&self.rig_from_sample), rho, theta))
     }
 
     /// Meets the ray with the dome as a surface of revolution, by Newton steps along the ray and along the profile, from
@@ -93,8 +105,9 @@ impl PerturbedDevice {
     }
 }
 
-fn shifted(lens: Lens, offset: [f64; 2]) -> Lens {
-    Lens { centre_u: lens.centre_u + offset[0], centre_v: lens.centre_v + offset[1], ..lens }
+fn misplaced(lens: Lens, offset: [f64; 2], scale_rel: f64) -> Lens {
+    let focal_px = lens.focal_px * (1.0 + scale_rel);
+    Lens { centre_u: lens.centre_u + offset[0], centre_v: lens.centre_v + offset[1], focal_px, ..lens }
 }
 
 /// Directions back to a device's pixels: the nominal radial map and a small table of what the perturbation adds to it.

@@ -53,6 +53,8 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     let provenance = Provenance {
         sample: args.material.clone(),
         simulation: Some(serde_json::to_value(&config).expect("plain data")),
+        started: Some(common::now()),
+        ..Provenance::default()
     };
     let plan = Plan::of_order(ORDER);
     let mut bench = common::bench(&rig, &config, truth.clone());
