@@ -40,7 +40,7 @@ pub use stability::StabilityReport;
 
 use crate::basis::{ConversionError, OrderError};
 use crate::calibrate::GrayCardCheck;
-use crate::fit::{FitError, FitMethod};
+use crate::fit::{CalibrationUncertainty, FitError, FitMethod};
 use crate::measure::RunRecord;
 use crate::reduce::Coefficients;
 use crate::reflectance::{Brdf, MetricError};
@@ -202,7 +202,7 @@ impl RunReport {
         truth: Option<(&str, &dyn Brdf)>,
     ) -> Result<Self, ReportError> {
         let (name, truth) = truth.unzip();
-        let fits = Fits::new(coefficients, requested, truth)?;
+        let fits = Fits::new(coefficients, requested, truth, CalibrationUncertainty::of(&record))?;
         let model = &fits.chosen().brdf;
         let spectrum = spectrum(coefficients, model)?;
         let slices = slices(coefficients, truth, &fits.curves())?;

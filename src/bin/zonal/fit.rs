@@ -41,9 +41,7 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
         }
     }
     let coefficients = common::coefficients(&args.run, args.order)?;
-    let known = RunRecord::read(&args.run)?.budget.map_or_else(CalibrationUncertainty::default, |budget| {
-        CalibrationUncertainty { edge_deg: budget.assumed.edge_deg, scale_rel: budget.scale_rel() }
-    });
+    let known = CalibrationUncertainty::of(&RunRecord::read(&args.run)?);
     let calibration = CalibrationUncertainty {
         edge_deg: args.edge_deg.unwrap_or(known.edge_deg),
         scale_rel: args.scale_rel.unwrap_or(known.scale_rel),
