@@ -311,8 +311,8 @@ impl View {
             Component { name: name.into(), kind, relative, source }
         };
         let drift = match evidence.lamp_sigma {
-            Some(_) => "standard error of the light read from the coded patch",
-            None => "not watched: as between calibration and run",
+            Some(_) => "light read from the coded patch, of this run and the card's",
+            None => "not watched, of this run and the card's: assumed, as lamp_rel",
         };
         let remounted = |c: usize| {
             let slope = self.slope[c][1] / self.z[c][0];
@@ -324,7 +324,10 @@ impl View {
             part("noise", Kind::Random, "shot and dark noise: planes sigma_*".into(), &|c| {
                 self.sigma[c] / self.z[c][0]
             }),
-            part("lamp drift", Kind::Common, drift.into(), &|_| evidence.lamp_sigma.unwrap_or(assumed.lamp_rel)),
+            part("lamp drift", Kind::Common, drift.into(), &|_| {
+                // The card's run was no better.
+                2f64.sqrt() * evidence.lamp_sigma.unwrap_or(assumed.lamp_rel)
+            }),
             part("lamp since calibration", Kind::Common, "assumed: lamp_rel".into(), &|_| assumed.lamp_rel),
             part(
                 "gray card, albedo",
