@@ -11,7 +11,7 @@ use program::{json, refused, zonal};
 use serde_json::Value;
 use zonal::reduce::Coefficients;
 
-const PLAN: &str = "format = 1\nname = \"small\"\norder = 2\nrepeats = 1\n\
+const PLAN: &str = "format = 1\nname = \"small\"\norder = 1\nrepeats = 1\n\
     [exposure]\ncount = 2\nshortest_refreshes = 2\nspacing = 8\n[exitant]\nrings = 6\nsectors = 12\n";
 const BUDGET: &str = "[budget]\ncard_rel = 0.003\ncard_source = \"certificate 17\"\n";
 
