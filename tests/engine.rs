@@ -123,7 +123,8 @@ fn a_run_can_be_paused_stopped_and_resumed() {
     let folder = RunFolder::create(&path, false).unwrap();
     let control = Control::default();
     let steer = control.clone();
-    let provenance = zonal::measure::Provenance { sample: "red-plastic".into(), simulation: None };
+    let provenance =
+        zonal::measure::Provenance { sample: "red-plastic".into(), simulation: None, ..Default::default() };
     let request = zonal::measure::Request {
         rig: &COARSE,
         plan: &plan,

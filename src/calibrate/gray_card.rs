@@ -28,6 +28,9 @@ pub struct GrayCardCheck {
     pub worst_error: f64,
     /// Scale of red and blue relative to green: the white balance.
     pub white_balance: [f64; 3],
+    /// Standard error of each channel's scale by the noise of the card's own measurement, relative, RMS over theta_o.
+    #[serde(default)]
+    pub scale_sigma_rel: [f64; 3],
 }
 
 impl GrayCardCheck {
@@ -55,6 +58,7 @@ impl GrayCardCheck {
             z_20_error: over_channels(6),
             worst_error: errors.fold(0.0, f64::max),
             white_balance: [1.0; 3],
+            scale_sigma_rel: [0.0; 3],
         }
     }
 }
@@ -171,6 +175,7 @@ pub fn gray_card(
     let middle = (rig.zone().theta_min() + rig.zone().theta_max()) / 2.0;
     let at = |c: usize| scale.at(&rig.zone(), middle, c);
     check.white_balance = [0, 1, 2].map(|c| at(c) / at(1));
+    check.scale_sigma_rel = [0, 1, 2].map(|c| scale_sigma_rel(&raw, c));
     Ok((scale, check))
 }
 
@@ -186,6 +191,15 @@ fn scale_curve(raw: &Coefficients, channel: usize, want: &[f64]) -> Vec<f64> {
     let normal = powers.transpose() * &powers;
     let solution = normal.cholesky().map(|c| c.solve(&(powers.transpose() * ratios)));
     solution.map_or_else(|| vec![f64::NAN], |s| s.iter().copied().collect())
+}
+
+/// Standard error of [`scale_curve`], relative, RMS over the rings: a polynomial spends its terms over all cells.
+fn scale_sigma_rel(raw: &Coefficients, channel: usize) -> f64 {
+    let n = raw.grid.len();
+    let cells = raw.plane(0, channel).iter().zip(&raw.sigma[channel * n..][..n]);
+    let variance = cells.map(|(&z, &s)| (f64::from(s) / f64::from(z)).powi(2)).filter(|v| v.is_finite()).sum::<f64>();
+    let terms = (SCALE_DEGREE + 1).min(raw.grid.rings());
+    (variance / n as f64 * terms as f64 / n as f64).sqrt()
 }
 
 fn rescaled(raw: &Coefficients, scale: &ChannelScale) -> Coefficients {

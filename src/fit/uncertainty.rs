@@ -11,6 +11,7 @@ use super::{Forward, Observations};
 use crate::basis::OrderError;
 use crate::calibrate::gray_card_coefficients;
 use crate::geometry::Zone;
+use crate::measure::{Budget, RunRecord};
 
 /// How well the rig is known, as standard deviations.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -26,6 +27,14 @@ impl Default for CalibrationUncertainty {
     /// A rig aligned to a few hundredths of a degree and a card known to two in a thousand.
     fn default() -> Self {
         Self { edge_deg: 0.05, scale_rel: 0.002 }
+    }
+}
+
+impl CalibrationUncertainty {
+    /// What the budget of a run says; the default for runs of older versions, which have none.
+    pub fn of(record: &RunRecord) -> Self {
+        let of = |budget: &Budget| Self { edge_deg: budget.assumed.edge_deg, scale_rel: budget.scale_rel() };
+        record.budget.as_ref().map_or_else(Self::default, of)
     }
 }
 

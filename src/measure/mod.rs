@@ -1,6 +1,9 @@
 //! A measurement: a plan run on a bench with a calibration, into a run folder that tells all.
 
+mod budget;
+mod control;
 mod exposing;
+mod merging;
 mod record;
 mod reducing;
 mod run;
@@ -17,7 +20,10 @@ use crate::patterns::PlanError;
 use crate::reduce::ReduceError;
 use crate::store::StoreError;
 
+pub use budget::{Albedo, AlbedoAt, Assumptions, Budget, Component, Evidence, Kind, Remounts, budget_of, remounts};
+pub use control::{ControlRun, ControlSeries, Signal, control_series};
 pub use exposing::AutomaticExposer;
+pub use merging::{Merged, merge};
 pub use record::{CaptureRecord, Provenance, RunRecord};
 pub use reducing::reduce_run;
 pub use run::{Measurement, Request, lobe_pairs, measure, resume};
@@ -68,6 +74,33 @@ pub enum MeasureError {
         /// Its format.
         found: u32,
     },
+    /// A merged run has coefficients only.
+    #[error("{path} is of merged runs, whose responses are elsewhere: reduce those, then `zonal merge` them again", path = path.display())]
+    Merged {
+        /// The run's record.
+        path: PathBuf,
+    },
+    /// Runs that cannot be taken together.
+    #[error("{path} differs from the first run in its {what}: leave it out, or measure again", path = path.display())]
+    Unlike {
+        /// The run.
+        path: PathBuf,
+        /// In what it differs.
+        what: &'static str,
+    },
+    /// Too few runs to compare.
+    #[error("{found} runs are too few to {purpose}: name at least {least}")]
+    TooFew {
+        /// How many there are.
+        found: usize,
+        /// How many it takes.
+        least: usize,
+        /// What for.
+        purpose: &'static str,
+    },
+    /// A file of assumptions is none.
+    #[error("not a budget file, correct the marked line: {0}")]
+    Assumptions(String),
     /// A file could not be read or written.
     #[error(transparent)]
     Store(#[from] StoreError),

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::MeasureError;
+use super::{Assumptions, Budget, MeasureError};
 use crate::capture::RUN_FORMAT;
 use crate::optics::Rig;
 use crate::patterns::{Plan, RigTime};
@@ -12,19 +12,46 @@ use crate::radiometry::ColourSpace;
 use crate::store::{self, StoreError};
 
 /// What is measured and by what: goes into the record as it is.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Provenance {
-    /// Name or file of the sample.
+    /// Name or file of the material: what is opened in simulation.
     pub sample: String,
     /// The simulated rig, if it is one.
     pub simulation: Option<serde_json::Value>,
+    /// What the sample is called, where that says more than `sample`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// Angle from the rig's +x to the sample's grain as it is mounted, about the normal, counter-clockwise, degrees.
+    #[serde(default)]
+    pub grain_deg: f64,
+    /// When the run began, UTC, ISO 8601.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub started: Option<String>,
+    /// Runs this one was merged from.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub merged: Vec<String>,
+    /// What is taken for granted about rig, card and mount.
+    #[serde(default)]
+    pub assumed: Assumptions,
 }
 
 impl Provenance {
     /// One line for the headers of files: sample, rig, plan and the simulated rig with its seed.
+    /// The sample's name, or its material.
+    pub fn sample_name(&self) -> &str {
+        self.name.as_deref().unwrap_or(&self.sample)
+    }
+
     pub(super) fn history(&self, rig: &Rig, plan: &Plan) -> String {
         let simulation = self.simulation.as_ref().map_or_else(String::new, |s| format!("; simulated rig {s}"));
-        format!("sample {}; rig {}; plan {}{simulation}", self.sample, rig.name, plan.name)
+        let mut sample = self.sample.clone();
+        if let Some(name) = &self.name {
+            sample = format!("{name} ({sample})");
+        }
+        if self.grain_deg != 0.0 {
+            sample += &format!(", grain at {} deg", self.grain_deg);
+        }
+        format!("sample {sample}; rig {}; plan {}{simulation}", rig.name, plan.name)
     }
 }
 
@@ -71,6 +98,9 @@ pub struct RunRecord {
     /// How the frames came; not known of runs of older versions.
     #[serde(default)]
     pub capture: CaptureRecord,
+    /// How far the result may be off and why; not known of runs of older versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub budget: Option<Budget>,
 }
 
 /// How the frames of a run came.

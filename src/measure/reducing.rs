@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use super::run::{in_colours, reducer};
-use super::{MeasureError, RunRecord};
+use super::{Budget, Evidence, MeasureError, RunRecord};
 use crate::basis::size;
 use crate::calibrate::{Acceptance, CalibrationSet, Folder, Kind, Maps};
 use crate::capture::{Crop, ResponseImage, RunFolder};
@@ -27,6 +27,9 @@ pub fn reduce_run(
     let started = Instant::now();
     let folder = RunFolder::open(run)?;
     let mut record = RunRecord::read_complete(run)?;
+    if !record.provenance.merged.is_empty() {
+        return Err(MeasureError::Merged { path: folder.file("run.json") });
+    }
     let rig = Rig::from_toml(&store::read_text(&folder.file("rig.toml"))?)?;
     let plan = Plan::from_toml(&store::read_text(&folder.file("plan.toml"))?)?;
     let own = folder.file("calibration");
@@ -58,6 +61,8 @@ pub fn reduce_run(
     record.saturated_fraction = reducer.saturated_fraction();
     let coefficients = in_colours(reducer.finish()?, &set, record.colour_space)?;
     record.noise_rel = coefficients.noise_rel();
+    let evidence = Evidence::new(&rig, &set.check, &record.capture);
+    record.budget = Some(Budget::new(&coefficients, &evidence, &record.provenance.assumed));
     record.post_s = started.elapsed().as_secs_f64();
     coefficients.write(&folder.file("coefficients.exr"))?;
     if calibration.is_some() {

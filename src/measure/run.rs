@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use super::record::CaptureRecord;
-use super::{AutomaticExposer, MeasureError, Provenance, RunRecord};
+use super::{AutomaticExposer, Budget, Evidence, MeasureError, Provenance, RunRecord};
 use crate::basis::{OrderError, size};
 use crate::calibrate::CalibrationSet;
 use crate::capture::{
@@ -135,6 +135,7 @@ fn new_record(request: &Request<'_>, pairs: &[LobePair]) -> RunRecord {
         gains: pairs.iter().map(|p| p.gain).collect(),
         colour_space: plan.colour_space(),
         capture: CaptureRecord::default(),
+        budget: None,
     }
 }
 
@@ -290,6 +291,8 @@ fn finish(
     };
     let coefficients = in_colours(captured.reducer.finish()?, request.calibration, request.plan.colour_space())?;
     record.noise_rel = coefficients.noise_rel();
+    let evidence = Evidence::new(request.rig, &request.calibration.check, &record.capture);
+    record.budget = Some(Budget::new(&coefficients, &evidence, &record.provenance.assumed));
     if let Some(folder) = folder {
         coefficients.write(&folder.file("coefficients.exr"))?;
     }

@@ -46,11 +46,20 @@ pub struct Misalignment {
     /// Turn of the projector about x and y.
     #[serde(skip_serializing_if = "is_zero")]
     pub projector_turn_deg: [f64; 2],
+    /// Height of the sample above the point both devices are aimed at.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub sample_height_mm: f64,
+    /// Relative error of the camera's focal length.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub camera_scale_rel: f64,
+    /// Relative error of the projector's focal length: it moves the edges of the zone that is lit.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub projector_scale_rel: f64,
 }
 
 /// Records of rigs whose devices stand where they should keep the form they had before devices could be displaced.
-fn is_zero(pair: &[f64; 2]) -> bool {
-    *pair == [0.0; 2]
+fn is_zero<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
 }
 
 impl Misalignment {
@@ -70,6 +79,7 @@ pub struct Misaligned {
     paraboloid: Vector3<f64>,
     dome: Vector3<f64>,
     rig_from_sample: Rotation3<f64>,
+    sample_height_mm: f64,
     radius_mm: f64,
     theta_max: f64,
 }
@@ -101,23 +111,31 @@ impl Edges {
 impl Misaligned {
     /// A device of a rig that is misaligned by `m`.
     pub fn new(rig: &Rig, m: &Misalignment, device: Device) -> Self {
-        let (lens, offset_px, displacement, turn) = match device {
-            Device::Camera => (rig.camera.lens(), m.camera_offset_px, m.camera_displacement_mm, m.camera_turn_deg),
-            Device::Projector => {
-                (rig.projector.lens(), m.projector_offset_px, m.projector_displacement_mm, m.projector_turn_deg)
-            }
+        let (lens, scale_rel, offset_px) = match device {
+            Device::Camera => (rig.camera.lens(), m.camera_scale_rel, m.camera_offset_px),
+            Device::Projector => (rig.projector.lens(), m.projector_scale_rel, m.projector_offset_px),
+        };
+        let (displacement, turn) = match device {
+            Device::Camera => (m.camera_displacement_mm, m.camera_turn_deg),
+            Device::Projector => (m.projector_displacement_mm, m.projector_turn_deg),
         };
         let flat = |v: [f64; 2]| Vector3::new(v[0], v[1], 0.0);
         let turned = |deg: [f64; 2]| Rotation3::from_euler_angles(deg[0].to_radians(), deg[1].to_radians(), 0.0);
         let mirrors = rig.mirrors();
         Self {
             mirrors,
-            lens: Lens { centre_u: lens.centre_u + offset_px[0], centre_v: lens.centre_v + offset_px[1], ..lens },
+            lens: Lens {
+                focal_px: lens.focal_px * (1.0 + scale_rel),
+                centre_u: lens.centre_u + offset_px[0],
+                centre_v: lens.centre_v + offset_px[1],
+                ..lens
+            },
             centre: mirrors.centre() + flat(displacement),
             rig_from_device: turned(turn),
             paraboloid: flat(m.paraboloid_offset_mm),
             dome: flat(m.dome_offset_mm),
             rig_from_sample: turned(m.sample_tilt_deg),
+            sample_height_mm: m.sample_height_mm,
             radius_mm: rig.paraboloid_radius_mm(),
             theta_max: rig.dome.theta_max_deg.to_radians(),
         }
@@ -223,8 +241,10 @@ impl Misaligned {
         let edge = hit + self.dome - self.paraboloid;
         let passes = edge + out * ((self.mirrors.paraboloid_height(self.radius_mm) - edge.z) / out.z);
         let lit = hit.z < self.mirrors.paraboloid_height(self.radius_mm) || passes.x.hypot(passes.y) >= self.radius_mm;
+        // Of the pupil's rays from here, those that meet a raised sample on the axis leave a little steeper.
+        let seen = -out - Vector3::z() * (self.sample_height_mm / hit.coords.norm());
         Some(Traced {
-            direction: Direction::<RigFrame>::new(-out).to_sample(&self.rig_from_sample),
+            direction: Direction::<RigFrame>::new(seen).to_sample(&self.rig_from_sample),
             unhindered: rho <= self.radius_mm && theta <= self.theta_max && lit,
         })
     }

@@ -3,6 +3,7 @@
 mod cells;
 mod coefficients;
 mod reducer;
+mod turning;
 
 use thiserror::Error;
 

@@ -12,6 +12,7 @@
 //! | [`Merl`] | half-angle tables, `.binary` files | Matusik 2003 |
 //! | [`Alta`] | scattered directions, `.dat` text files | Belcour 2014 |
 //! | [`NeuralBrdf`] | small networks fitted to MERL materials | Sztrajman 2021 |
+//! | [`Turned`] | any of these, mounted at an angle | |
 //!
 //! [`open`] finds all but [`Sgd`] and the networks by a name or a path; [`Metric`] says how far one is from another. Evaluation is pure; only the functions called `read` and [`open`]
 //! touch files. Files are untrusted: whatever is in them, a reader answers with a table or a [`ReadError`].
@@ -43,6 +44,7 @@ mod rgl;
 mod sampling;
 mod sgd;
 mod tensor;
+mod turned;
 mod zone_errors;
 
 use std::f64::consts::TAU;
@@ -70,6 +72,7 @@ pub(crate) use rgl::{Flattening, Table, Taps, theta_of_u, u_of_theta};
 pub(crate) use sampling::reflect;
 pub use sgd::{Sgd, SgdChannel, SgdMaterial, sgd_materials};
 pub use tensor::{TensorFile, TensorWriter};
+pub use turned::Turned;
 pub use zone_errors::{EXITANT_DEG, ZoneErrors};
 
 /// f_cos as a function of `wi`, 1/sr, linear RGB.

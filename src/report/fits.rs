@@ -1,7 +1,7 @@
 //! All fits of a run, side by side.
 
 use super::ReportError;
-use crate::fit::{FitMethod, FitOptions, FitReport, Selection, fit};
+use crate::fit::{CalibrationUncertainty, FitMethod, FitOptions, FitReport, Selection, fit};
 use crate::reduce::Coefficients;
 use crate::reflectance::{Brdf, Metric, MetricErrors};
 
@@ -32,11 +32,12 @@ impl Fits {
         coefficients: &Coefficients,
         requested: FitMethod,
         truth: Option<&dyn Brdf>,
+        calibration: CalibrationUncertainty,
     ) -> Result<Self, ReportError> {
         let metric = Metric::new(coefficients.grid.zone());
         let reference = truth.map(|truth| metric.reference(truth)).transpose()?;
         let one = |method: FitMethod| -> Result<MethodFit, ReportError> {
-            let report = fit(coefficients, method, &FitOptions::default())?;
+            let report = fit(coefficients, method, &FitOptions { calibration, start: None })?;
             let errors = reference.as_ref().and_then(|reference| reference.errors(&report.brdf).ok());
             Ok(MethodFit { report, errors })
         };

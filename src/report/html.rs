@@ -4,9 +4,9 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 
 use super::figures::{chart_figure, slice_figure, spectrum_chart};
-use super::text::{degrees, escape, percent, seconds};
+use super::text::{degrees, escape, number, percent, seconds};
 use super::{Picture, Slice, SpectrumPoint};
-use crate::measure::RunRecord;
+use crate::measure::{Budget, Kind, RunRecord};
 
 /// A whole page: a title and HTML below it.
 pub fn document(title: &str, body: &str) -> String {
@@ -68,6 +68,39 @@ pub fn spectrum(points: &[SpectrumPoint]) -> String {
              m < 0 are zero. Those well above the noise carry the measurement; where they sink into it, a higher order adds nothing. \
              Where the model's line leaves the measured points, the model does not describe the sample.",
         )
+}
+
+/// What the albedo of the zone is uncertain by, and why.
+pub fn budget(budget: &Budget) -> String {
+    const COLUMNS: [&str; 3] = ["Red", "Green", "Blue"];
+    let row = |name: &str, values: [String; 3], last: &str| {
+        let name = escape(name);
+        let cells = number_cells(&COLUMNS, &values);
+        format!("<tr><th scope=\"row\">{name}</th>{cells}<td>{}</td></tr>\n", escape(last))
+    };
+    let kind = |kind: Kind| match kind {
+        Kind::Random => "each coefficient",
+        Kind::Azimuthal => "each direction, not in means over azimuth",
+        Kind::Channel => "each channel",
+        Kind::Common => "common to all",
+    };
+    let components = budget
+        .components
+        .iter()
+        .map(|c| row(&c.name, c.relative.map(percent), &format!("{}; {}", kind(c.kind), c.source)));
+    let a = &budget.albedo;
+    let interval = a.interval_95.map(|[low, high]| format!("{} – {}", number(low, 4), number(high, 4)));
+    let total = [0, 1, 2].map(|c| percent(a.standard_uncertainty[c] / a.value[c]));
+    heading("Uncertainty of the albedo")
+        + "<p class=\"note\">Integral of f cos θᵢ over the measured zone, mean over exitant directions. Relative standard uncertainties; \
+           all but the azimuthal ones add up by their squares.</p>\n<table class=\"cards\">\n"
+        + &table_head("Component", &COLUMNS, Some("Kind and source"))
+        + "<tbody>\n"
+        + &components.collect::<String>()
+        + &row("all together", total, "")
+        + &row("albedo of the zone", a.value.map(|v| number(v, 4)), "")
+        + &row("its 95 % interval", interval, "")
+        + "</tbody>\n</table>\n"
 }
 
 /// A table of names and values.

@@ -9,6 +9,7 @@
 
 mod axis;
 mod chart;
+mod control;
 mod demo_page;
 mod drawing;
 mod figures;
@@ -30,6 +31,7 @@ use thiserror::Error;
 
 pub use axis::{Axis, Scale};
 pub use chart::{Chart, Mark, Series};
+pub use control::ControlReport;
 pub use fits::{Fits, MethodFit};
 pub use measured::{accuracy, conversions, converted, pictures, slices, spectrum};
 pub use png::{pattern_png, plane_png};
@@ -38,7 +40,7 @@ pub use stability::StabilityReport;
 
 use crate::basis::{ConversionError, OrderError};
 use crate::calibrate::GrayCardCheck;
-use crate::fit::{FitError, FitMethod};
+use crate::fit::{CalibrationUncertainty, FitError, FitMethod};
 use crate::measure::RunRecord;
 use crate::reduce::Coefficients;
 use crate::reflectance::{Brdf, MetricError};
@@ -200,7 +202,7 @@ impl RunReport {
         truth: Option<(&str, &dyn Brdf)>,
     ) -> Result<Self, ReportError> {
         let (name, truth) = truth.unzip();
-        let fits = Fits::new(coefficients, requested, truth)?;
+        let fits = Fits::new(coefficients, requested, truth, CalibrationUncertainty::of(&record))?;
         let model = &fits.chosen().brdf;
         let spectrum = spectrum(coefficients, model)?;
         let slices = slices(coefficients, truth, &fits.curves())?;

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::html::{document, gallery, heading, provenance, slices, spectrum, summary};
+use super::html::{budget, document, gallery, heading, provenance, slices, spectrum, summary};
 use super::text::{degrees, percent};
 use super::{RunReport, fit_sections};
 
@@ -21,6 +21,7 @@ pub fn page(report: &RunReport) -> String {
         spectrum(&report.spectrum),
         fit_sections::residuals(fits),
         fit_sections::plausibility(fits),
+        record.budget.as_ref().map_or_else(String::new, budget),
         origin(report),
     ];
     document(&format!("{sample} measured by {}", record.rig), &sections.concat())

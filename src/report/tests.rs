@@ -16,7 +16,7 @@ fn record(text: &str) -> RunRecord {
         status: text.into(),
         rig: text.into(),
         plan: text.into(),
-        provenance: Provenance { sample: text.into(), simulation: None },
+        provenance: Provenance { sample: text.into(), simulation: None, ..Default::default() },
         order: 4,
         images: plan.images(),
         frames: plan.frames(),
@@ -30,6 +30,7 @@ fn record(text: &str) -> RunRecord {
         gains: vec![1.0; 25],
         colour_space: crate::radiometry::ColourSpace::Camera,
         capture: Default::default(),
+        budget: None,
     }
 }
 
@@ -45,6 +46,7 @@ fn report(text: &str) -> DemoReport {
             z_20_error: -0.001,
             worst_error: 0.004,
             white_balance: [1.1, 1.0, 0.9],
+            scale_sigma_rel: [0.0; 3],
         },
         patterns: vec![picture(), picture()],
         response: picture(),

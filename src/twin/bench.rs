@@ -94,12 +94,13 @@ impl Scene {
         let border = border(rig, &projector, &camera);
         let differences = Pixels::new(&config.sensor, width * rig.camera.height_px);
         let lit_zone = if config.stray_share == 0.0 { Vec::new() } else { lit_zone(rig) };
+        let card = Arc::new(Lambert::gray(GRAY_CARD_ALBEDO * (1.0 + config.card_albedo_error_rel)));
         Self {
             rig: rig.clone(),
             config,
             accuracy,
             sample,
-            card: Arc::new(Lambert::gray(GRAY_CARD_ALBEDO)),
+            card,
             differences,
             lit_zone,
             placement: Placement::Sample,

@@ -52,6 +52,9 @@ pub struct TwinConfig {
     /// How the camera differs from the rig file.
     #[serde(default)]
     pub sensor: SensorTruth,
+    /// By how much the gray card in place reflects more than its stated albedo, relative.
+    #[serde(default)]
+    pub card_albedo_error_rel: f64,
 }
 
 /// The simulated camera beside what the rig file says of it.
@@ -137,6 +140,7 @@ impl TwinConfig {
             stray_share: 0.0,
             crosstalk: identity(),
             sensor: SensorTruth::default(),
+            card_albedo_error_rel: 0.0,
         }
     }
 

@@ -51,7 +51,7 @@ pub fn measured(
     calibration: &CalibrationSet,
     folder: Option<&RunFolder>,
 ) -> Result<Measurement, MeasureError> {
-    let provenance = Provenance { sample: "test".into(), simulation: None };
+    let provenance = Provenance { sample: "test".into(), simulation: None, ..Default::default() };
     let control = Control::default();
     let request = Request { rig, plan, calibration, provenance: &provenance, control: &control };
     measure(&request, bench, folder, &mut |_, _| ())

@@ -3,23 +3,32 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
+use anyhow::Context;
 use clap::ValueEnum;
 use zonal::convert::{PriorTable, Scan, stability_csv};
-use zonal::report::StabilityReport;
+use zonal::measure::{ControlRun, MeasureError};
+use zonal::report::{ControlReport, StabilityReport};
 use zonal::store;
 
-use crate::common::{self, Report};
+use crate::common::{self, BadUsage, Report};
 
 #[derive(Clone, Copy, ValueEnum)]
 enum Name {
     /// Where each method of conversion fails: order, zone, noise.
     Stability,
+    /// Gray-card runs over time, with control limits.
+    Control,
 }
 
 #[derive(clap::Args)]
 pub struct Args {
     /// What to chart.
     name: Name,
+    /// Gray-card runs (control).
+    runs: Vec<PathBuf>,
+    /// How many of the first runs set mean and limits (control).
+    #[arg(long, default_value_t = 20, value_parser = at_least_two)]
+    baseline: usize,
     /// New or empty folder for the table, the picture (.svg and .png) and the page.
     #[arg(long)]
     out: PathBuf,
@@ -36,7 +45,11 @@ pub struct Args {
 
 pub fn run(args: &Args) -> anyhow::Result<Report> {
     match args.name {
+        Name::Stability if !args.runs.is_empty() => {
+            Err(BadUsage("`chart stability` takes no runs: leave them out".into()).into())
+        }
         Name::Stability => stability(args),
+        Name::Control => control(args),
     }
 }
 
@@ -68,6 +81,56 @@ fn stability(args: &Args) -> anyhow::Result<Report> {
         "materials": report.materials, "rows": report.rows.len(), "seconds": seconds,
     });
     Ok(Report { text, json })
+}
+
+fn control(args: &Args) -> anyhow::Result<Report> {
+    common::makeable(&args.out)?;
+    store::vacant(&args.out)?;
+    let least = 3;
+    if args.runs.len() < least {
+        return Err(MeasureError::TooFew { found: args.runs.len(), least, purpose: "draw a control chart" }.into());
+    }
+    let read = |run: &PathBuf| -> anyhow::Result<ControlRun> {
+        let (record, coefficients) = common::run(run)?;
+        if let Some(began) = &record.provenance.started {
+            let date: Result<jiff::Timestamp, _> = began.parse();
+            date.with_context(|| format!("{}: `started`", run.join("run.json").display()))?;
+        }
+        Ok(ControlRun::new(common::said(run), record.provenance.started, &coefficients))
+    };
+    let runs = args.runs.iter().map(read).collect::<Result<Vec<_>, _>>()?;
+    let report = ControlReport::new(runs, args.baseline.min(args.runs.len()));
+    let sheet = report.sheet();
+    store::write_dir(&args.out, |folder| {
+        store::write(&folder.join("control.csv"), &report.to_csv())?;
+        store::write(&folder.join("control.svg"), sheet.to_svg().as_bytes())?;
+        store::write(&folder.join("control.png"), &sheet.to_png())?;
+        store::write(&folder.join("index.html"), report.to_html().as_bytes())
+    })?;
+    let [page, png, svg, csv] =
+        ["index.html", "control.png", "control.svg", "control.csv"].map(|name| common::said(&args.out.join(name)));
+    let flagged = report.flagged();
+    let mut text = format!("{} runs, {} out of control", report.runs.len(), flagged.len());
+    for (i, said) in &flagged {
+        text += &format!("\n  {}: {said}", report.runs[*i].run);
+    }
+    text += &format!("\npage: {page}\npicture: {png}\n         {svg}\ntable: {csv}");
+    let flagged: Vec<_> = flagged
+        .iter()
+        .map(|(i, said)| serde_json::json!({ "run": report.runs[*i].run, "number": i + 1, "signals": said }))
+        .collect();
+    let json = serde_json::json!({
+        "page": page, "png": png, "svg": svg, "csv": csv,
+        "runs": report.runs, "series": report.series, "baseline": report.baseline, "flagged": flagged,
+    });
+    Ok(Report { text, json })
+}
+
+fn at_least_two(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(n) if n > 1 => Ok(n),
+        _ => Err("give a whole number of at least 2".into()),
+    }
 }
 
 fn at_least_one(text: &str) -> Result<usize, String> {

@@ -12,12 +12,12 @@ use zonal::capture::{CaptureError, Control};
 use zonal::export::{ShMaterial, TensorMaterial};
 use zonal::fit::FitReport;
 use zonal::geometry::Zone;
-use zonal::measure::{MeasureError, RunRecord};
+use zonal::measure::{Assumptions, MeasureError, RunRecord};
 use zonal::optics::Rig;
 use zonal::patterns::Plan;
 use zonal::radiometry::ColourSpace;
 use zonal::reduce::{Coefficients, ReduceError};
-use zonal::reflectance::{Brdf, Model, open};
+use zonal::reflectance::{Brdf, Model, Turned, open};
 use zonal::store;
 use zonal::twin::{TwinBench, TwinConfig};
 
@@ -210,6 +210,23 @@ pub fn makeable(path: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// This moment, UTC, ISO 8601, whole seconds.
+pub fn now() -> String {
+    let now = jiff::Timestamp::now();
+    now.round(jiff::Unit::Second).unwrap_or(now).to_string()
+}
+
+/// What a sample is as it is mounted.
+pub fn mounted(sample: Arc<dyn Brdf>, grain_deg: f64) -> Arc<dyn Brdf> {
+    if grain_deg == 0.0 { sample } else { Arc::new(Turned::new(sample, grain_deg.to_radians())) }
+}
+
+/// Assumptions of budgets from a file, or the usual ones.
+pub fn assumptions(path: Option<&Path>) -> anyhow::Result<Assumptions> {
+    let Some(path) = path else { return Ok(Assumptions::default()) };
+    Assumptions::from_toml(&store::read_text(path)?).with_context(|| path.display().to_string())
+}
+
 /// A path for programs; letters that are no Unicode are replaced.
 pub fn said(path: &Path) -> String {
     path.to_string_lossy().into_owned()
@@ -219,6 +236,18 @@ pub fn said(path: &Path) -> String {
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct BadUsage(pub String);
+
+/// A batch of which some samples could not be measured.
+#[derive(Debug, thiserror::Error)]
+#[error("{failed} of {all} samples failed; the others are measured, `--resume` tries these again\n{table}")]
+pub struct SamplesFailed {
+    /// How many failed.
+    pub failed: usize,
+    /// Of how many.
+    pub all: usize,
+    /// What became of each.
+    pub table: String,
+}
 
 /// An error and its causes, each said once.
 pub fn message(error: &anyhow::Error) -> String {
@@ -243,6 +272,7 @@ pub fn exit_code(error: &anyhow::Error) -> ExitCode {
             || matches!(cause.downcast_ref(), Some(CalibrateError::NoCross { .. } | CalibrateError::NoFringes { .. }))
             || matches!(cause.downcast_ref(), Some(CalibrateError::Transfer(_) | CalibrateError::Linearity(_)))
             || matches!(cause.downcast_ref(), Some(ReduceError::Incomplete { .. }))
+            || cause.is::<SamplesFailed>()
     });
     if failed { ExitCode::from(1) } else { ExitCode::from(2) }
 }

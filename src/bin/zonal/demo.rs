@@ -7,7 +7,7 @@ use zonal::basis::{Method, lm};
 use zonal::calibrate::CalibrationSet;
 use zonal::capture::{Crop, RunFolder};
 use zonal::export::ShMaterial;
-use zonal::fit::FitMethod;
+use zonal::fit::{CalibrationUncertainty, FitMethod};
 use zonal::measure::{Measurement, Provenance, Request, lobe_pairs, measure};
 use zonal::optics::Rig;
 use zonal::patterns::Plan;
@@ -53,6 +53,8 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     let provenance = Provenance {
         sample: args.material.clone(),
         simulation: Some(serde_json::to_value(&config).expect("plain data")),
+        started: Some(common::now()),
+        ..Provenance::default()
     };
     let plan = Plan::of_order(ORDER);
     let mut bench = common::bench(&rig, &config, truth.clone());
@@ -116,7 +118,8 @@ struct Results<'a> {
 impl Results<'_> {
     fn page(&self) -> anyhow::Result<DemoReport> {
         let (coefficients, truth) = (&self.measured.coefficients, self.truth.as_ref());
-        let fits = Fits::new(coefficients, FitMethod::Auto, Some(truth))?;
+        let fits =
+            Fits::new(coefficients, FitMethod::Auto, Some(truth), CalibrationUncertainty::of(&self.measured.record))?;
         let response = &self.measured.first_response;
         Ok(DemoReport {
             title: format!("{} measured by {}", self.args.material, self.rig.name),

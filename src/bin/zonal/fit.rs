@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use zonal::fit::{CalibrationUncertainty, FitMethod, FitOptions, FitReport, fit};
+use zonal::measure::RunRecord;
 
 use crate::common::{self, BadUsage, Report};
 
@@ -16,12 +17,12 @@ pub struct Args {
     /// Zonal order to use, at most the run's.
     #[arg(long, allow_negative_numbers = true)]
     order: Option<usize>,
-    /// Standard error of the zone's edges, degrees.
-    #[arg(long, default_value_t = CalibrationUncertainty::default().edge_deg, allow_negative_numbers = true)]
-    edge_deg: f64,
-    /// Relative standard error of the gray card's scale.
-    #[arg(long, default_value_t = CalibrationUncertainty::default().scale_rel, allow_negative_numbers = true)]
-    scale_rel: f64,
+    /// Standard error of the zone's edges, degrees; by default that of the run's budget.
+    #[arg(long, allow_negative_numbers = true)]
+    edge_deg: Option<f64>,
+    /// Relative standard error of the channels' scale; by default that of the run's budget.
+    #[arg(long, allow_negative_numbers = true)]
+    scale_rel: Option<f64>,
     /// JSON file to write.
     #[arg(long)]
     out: PathBuf,
@@ -34,12 +35,17 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
         return Err(BadUsage(format!("{}: fits are .json files: name one", out.display())).into());
     }
     for (flag, value, most) in [("--edge-deg", args.edge_deg, 2.0), ("--scale-rel", args.scale_rel, 0.5)] {
+        let Some(value) = value else { continue };
         if !(0.0..=most).contains(&value) {
             return Err(BadUsage(format!("{flag} {value} is out of range: choose 0..={most}")).into());
         }
     }
     let coefficients = common::coefficients(&args.run, args.order)?;
-    let calibration = CalibrationUncertainty { edge_deg: args.edge_deg, scale_rel: args.scale_rel };
+    let known = CalibrationUncertainty::of(&RunRecord::read(&args.run)?);
+    let calibration = CalibrationUncertainty {
+        edge_deg: args.edge_deg.unwrap_or(known.edge_deg),
+        scale_rel: args.scale_rel.unwrap_or(known.scale_rel),
+    };
     let report = fit(&coefficients, method, &FitOptions { calibration, start: None })?;
     report.write(&out)?;
     for warning in &report.warnings {

@@ -1,6 +1,8 @@
 //! The command line: parses, calls, prints. Exit status 0 done, 1 failed, 2 wrong usage or bad input.
 
+mod batch;
 mod both_sides;
+mod budget;
 mod calibrate;
 mod chart;
 mod common;
@@ -11,6 +13,7 @@ mod export;
 mod fit;
 mod materials;
 mod measure;
+mod merge;
 mod patterns;
 mod plan;
 mod prior;
@@ -56,6 +59,10 @@ enum Command {
     Measure(measure::Args),
     /// Reduces a stored run again.
     Reduce(reduce::Args),
+    /// How far a run's albedo may be off and why; of several runs of one sample, how remounts scatter.
+    Budget(budget::Args),
+    /// Remounts of one sample at several angles, merged into one run.
+    Merge(merge::Args),
     /// Turns a run's zonal coefficients into spherical harmonics.
     Convert(convert::Args),
     /// Learns the table of `convert --method prior` from the published materials.
@@ -89,6 +96,8 @@ fn main() -> ExitCode {
         Command::Calibrate(args) => calibrate::run(&args),
         Command::Measure(args) => measure::run(&args),
         Command::Reduce(args) => reduce::run(&args),
+        Command::Budget(args) => budget::run(&args),
+        Command::Merge(args) => merge::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Prior(args) => prior::run(&args),
         Command::Fit(args) => fit::run(&args),

@@ -1,35 +1,39 @@
 //! `zonal measure`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::Context;
-use zonal::capture::{Bench, RunFolder};
-use zonal::measure::{Measurement, Provenance, Request, RunRecord, measure, resume};
+use zonal::calibrate::CalibrationSet;
+use zonal::capture::{Bench, Control, RunFolder};
+use zonal::measure::{Assumptions, Measurement, Provenance, Request, RunRecord, measure, resume};
 use zonal::optics::Rig;
-use zonal::reflectance::open;
+use zonal::patterns::Plan;
+use zonal::reflectance::{Brdf, open};
 use zonal::store;
 use zonal::twin::{Faults, TwinBench, TwinConfig};
 
+use crate::batch;
 use crate::common::{self, BadUsage, Report};
 
 #[derive(clap::Args)]
 pub struct Args {
     /// Rig file.
-    rig: PathBuf,
+    pub rig: PathBuf,
     /// Plan file.
-    plan: PathBuf,
-    /// Run folder to create, or with --resume to go on with.
+    pub plan: PathBuf,
+    /// Run folder to create, or with --resume to go on with; with --batch the folder of all runs.
     #[arg(long)]
-    out: PathBuf,
+    pub out: PathBuf,
     /// Go on with a run that was stopped, failed or killed; rig, plan, calibration and sample are the run's own.
     #[arg(long)]
-    resume: bool,
+    pub resume: bool,
     /// Measure this material on the simulated rig: a .bsdf, .binary or .dat file, or a name of `zonal materials`.
     #[arg(long, value_name = "MATERIAL")]
-    simulate: Option<String>,
+    pub simulate: Option<String>,
     /// Seed of the simulated noise.
     #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
-    seed: u64,
+    pub seed: u64,
     /// Simulate a camera without shot and dark noise.
     #[arg(long)]
     noiseless: bool,
@@ -47,16 +51,28 @@ pub struct Args {
     misalign: Option<PathBuf>,
     /// Folder with the rig's calibrations; without it a simulated rig is calibrated first.
     #[arg(long)]
-    calibration: Option<PathBuf>,
+    pub calibration: Option<PathBuf>,
     /// Days after which a calibration is too old.
     #[arg(long, value_name = "DAYS", default_value_t = 30.0)]
-    max_age_days: f64,
+    pub max_age_days: f64,
     /// Colours of the coefficients instead of the plan's.
     #[arg(long, value_enum)]
     colour: Option<common::Colours>,
+    /// What the sample is called.
+    #[arg(long, value_name = "NAME")]
+    pub sample: Option<String>,
+    /// Angle from the rig's +x to the sample's grain as it is mounted, counter-clockwise, degrees.
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    pub grain_deg: f64,
+    /// TOML file whose section [budget] states what rig, card and mount are known to.
+    #[arg(long, value_name = "FILE")]
+    pub budget: Option<PathBuf>,
+    /// Measure the samples of this TOML file one after the other, with one calibration.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["simulate", "sample", "grain_deg"])]
+    pub batch: Option<PathBuf>,
     /// Keep every camera frame as a 16-bit PNG.
     #[arg(long)]
-    keep_frames: bool,
+    pub keep_frames: bool,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Report> {
@@ -68,61 +84,125 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     if args.max_age_days.is_nan() || args.max_age_days <= 0.0 {
         return Err(BadUsage(format!("--max-age-days {}: choose a number above 0", args.max_age_days)).into());
     }
-    let faults = faults(&args.fault)?;
-    let mut bar = common::frames_bar("measure");
+    let session = Session {
+        args,
+        rig: &rig,
+        plan: &plan,
+        faults: faults(&args.fault)?,
+        control: common::steered(),
+        assumed: common::assumptions(args.budget.as_deref())?,
+    };
+    if let Some(batch) = &args.batch {
+        return batch::run(&session, batch);
+    }
     if args.resume {
-        let measured = resumed(args, &rig, &plan.to_toml(), faults, &mut bar)?;
-        return Ok(report(&measured.record, &args.out));
+        return Ok(report(&session.resumed(&args.out)?.record, &args.out));
     }
     common::makeable(&args.out)?;
-    let Some(material) = &args.simulate else { return Err(common::no_devices()) };
-    let sample = open(material)?;
-    let mut config = common::twin(args.seed, args.misalign.as_deref())?;
-    if args.noiseless {
-        config = config.noiseless();
-    }
+    let sample = Mounted {
+        name: args.sample.clone(),
+        simulate: args.simulate.clone(),
+        grain_deg: args.grain_deg,
+        seed: args.seed,
+    };
+    let (brdf, config) = session.checked(&sample)?;
     // Found out before a calibration is made; the folder itself appears with the first frame.
     let folder = RunFolder::create(&args.out, args.keep_frames)?;
     let calibration = common::calibration(args.calibration.as_deref(), &rig, &config, Some(args.max_age_days))?;
-    let mut bench = on_time(common::bench(&rig, &config, sample), args).failing(faults);
-    let provenance =
-        Provenance { sample: material.clone(), simulation: Some(serde_json::to_value(&config).expect("plain data")) };
-    let control = common::steered();
-    let request =
-        Request { rig: &rig, plan: &plan, calibration: &calibration, provenance: &provenance, control: &control };
-    let measured = measure(&request, &mut bench, Some(&folder), &mut bar)?;
+    let measured = session.measured(&sample, brdf, &config, &calibration, &folder)?;
     Ok(report(&measured.record, &args.out))
 }
 
-/// Ends a run on the devices it was begun with.
-fn resumed(
-    args: &Args,
-    rig: &Rig,
-    plan: &str,
-    faults: Faults,
-    bar: &mut dyn FnMut(usize, usize),
-) -> anyhow::Result<Measurement> {
-    for (name, given) in [("rig.toml", rig.to_toml()), ("plan.toml", plan.to_owned())] {
-        let path = args.out.join(name);
-        if store::read_text(&path).context("this is no run to resume")? != given {
-            let message = format!("{} is not what was given: resume with the run's own", path.display());
-            return Err(BadUsage(message).into());
-        }
-    }
-    let bench = |rig: &Rig, record: &RunRecord| -> anyhow::Result<Box<dyn Bench>> {
-        let Some(simulation) = &record.provenance.simulation else { return Err(common::no_devices()) };
-        let config: TwinConfig = serde_json::from_value(simulation.clone()).with_context(|| {
-            format!("{}: `simulation` is damaged: measure again", args.out.join("run.json").display())
-        })?;
-        let sample = open(&record.provenance.sample)?;
-        Ok(Box::new(on_time(common::bench(rig, &config, sample), args).failing(faults)))
-    };
-    resume(&args.out, &common::steered(), bench, bar)
+/// A sample as it lies in the rig.
+pub struct Mounted {
+    /// What it is called.
+    pub name: Option<String>,
+    /// The material it is simulated by.
+    pub simulate: Option<String>,
+    /// See [`Provenance::grain_deg`].
+    pub grain_deg: f64,
+    /// Seed of the simulated noise.
+    pub seed: u64,
 }
 
-fn on_time(bench: TwinBench, args: &Args) -> TwinBench {
-    let bench = if args.paced { bench.paced() } else { bench };
-    if args.free_running { bench.free_running() } else { bench }
+/// What all measurements of one call share.
+pub struct Session<'a> {
+    pub args: &'a Args,
+    pub rig: &'a Rig,
+    pub plan: &'a Plan,
+    faults: Faults,
+    control: Control,
+    assumed: Assumptions,
+}
+
+impl Session<'_> {
+    /// The simulated devices of a seed.
+    pub fn config(&self, seed: u64) -> anyhow::Result<TwinConfig> {
+        let config = common::twin(seed, self.args.misalign.as_deref())?;
+        Ok(if self.args.noiseless { config.noiseless() } else { config })
+    }
+
+    /// Opens a sample.
+    pub fn checked(&self, sample: &Mounted) -> anyhow::Result<(Arc<dyn Brdf>, TwinConfig)> {
+        if !(-360.0..=360.0).contains(&sample.grain_deg) {
+            let message = format!("a grain at {} deg is out of range: choose -360..=360", sample.grain_deg);
+            return Err(BadUsage(message).into());
+        }
+        let Some(material) = &sample.simulate else { return Err(common::no_devices()) };
+        Ok((common::mounted(open(material)?, sample.grain_deg), self.config(sample.seed)?))
+    }
+
+    /// Measures a sample into a folder.
+    pub fn measured(
+        &self,
+        sample: &Mounted,
+        brdf: Arc<dyn Brdf>,
+        config: &TwinConfig,
+        calibration: &CalibrationSet,
+        folder: &RunFolder,
+    ) -> anyhow::Result<Measurement> {
+        let mut bench = self.on_time(common::bench(self.rig, config, brdf));
+        let provenance = Provenance {
+            sample: sample.simulate.clone().unwrap_or_default(),
+            simulation: Some(serde_json::to_value(config).expect("plain data")),
+            name: sample.name.clone(),
+            grain_deg: sample.grain_deg,
+            started: Some(common::now()),
+            merged: Vec::new(),
+            assumed: self.assumed.clone(),
+        };
+        let request =
+            Request { rig: self.rig, plan: self.plan, calibration, provenance: &provenance, control: &self.control };
+        let mut bar = common::frames_bar(sample.name.as_deref().unwrap_or("measure"));
+        Ok(measure(&request, &mut bench, Some(folder), &mut bar)?)
+    }
+
+    /// Ends a run on the devices it was begun with.
+    pub fn resumed(&self, out: &Path) -> anyhow::Result<Measurement> {
+        for (name, given) in [("rig.toml", self.rig.to_toml()), ("plan.toml", self.plan.to_toml())] {
+            let path = out.join(name);
+            if store::read_text(&path).context("this is no run to resume")? != given {
+                let message = format!("{} is not what was given: resume with the run's own", path.display());
+                return Err(BadUsage(message).into());
+            }
+        }
+        let bench = |rig: &Rig, record: &RunRecord| -> anyhow::Result<Box<dyn Bench>> {
+            let Provenance { simulation, sample, grain_deg, .. } = &record.provenance;
+            let Some(simulation) = simulation else { return Err(common::no_devices()) };
+            let config: TwinConfig = serde_json::from_value(simulation.clone()).with_context(|| {
+                format!("{}: `simulation` is damaged: measure again", out.join("run.json").display())
+            })?;
+            let sample = common::mounted(open(sample)?, *grain_deg);
+            Ok(Box::new(self.on_time(common::bench(rig, &config, sample))))
+        };
+        resume(out, &self.control, bench, &mut common::frames_bar("measure"))
+    }
+
+    fn on_time(&self, bench: TwinBench) -> TwinBench {
+        let bench = if self.args.paced { bench.paced() } else { bench };
+        let bench = if self.args.free_running { bench.free_running() } else { bench };
+        bench.failing(self.faults)
+    }
 }
 
 /// Faults from their names and values.
@@ -145,9 +225,9 @@ fn faults(given: &[String]) -> anyhow::Result<Faults> {
 }
 
 /// What a run says at its end.
-pub fn report(record: &RunRecord, out: &std::path::Path) -> Report {
+pub fn report(record: &RunRecord, out: &Path) -> Report {
     let capture = &record.capture;
-    let text = format!(
+    let mut text = format!(
         "order {}: {} images, {} frames, {:.1} s on the rig ({:.1} s exposure, {:.1} s readout wait, {:.1} s pattern change)\n\
          computed in {:.1} s, {:.2} s after the last frame; noise {:.3}% of DC, {:.2}% of pixels saturated\n\
          {} frames taken again, engine {:.2} ms per frame, display latency {:.0} ms, lamp {:+.2}..{:+.2}%\n\
@@ -170,6 +250,10 @@ pub fn report(record: &RunRecord, out: &std::path::Path) -> Report {
         100.0 * (capture.lamp[1] - 1.0),
         out.display()
     );
+    if let Some(budget) = &record.budget {
+        text += "\n";
+        text += &crate::budget::text(budget);
+    }
     let mut json = serde_json::to_value(record).expect("plain data");
     json["out"] = common::said(out).into();
     Report { text, json }

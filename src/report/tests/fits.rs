@@ -43,8 +43,9 @@ fn material() -> Ggx {
 }
 
 /// All methods fitted to [`material`], once for all tests.
-pub static FITS: LazyLock<Fits> =
-    LazyLock::new(|| Fits::new(&measured(&material()), FitMethod::Auto, Some(&material())).unwrap());
+pub static FITS: LazyLock<Fits> = LazyLock::new(|| {
+    Fits::new(&measured(&material()), FitMethod::Auto, Some(&material()), Default::default()).unwrap()
+});
 
 /// Coefficients are stored as f32.
 const SINGLE: f64 = 1e-5;
@@ -179,6 +180,6 @@ impl Brdf for Ringing {
 
 #[test]
 fn a_truth_that_is_none_is_refused() {
-    let refused = Fits::new(&measured(&material()), FitMethod::Auto, Some(&Ringing)).unwrap_err();
+    let refused = Fits::new(&measured(&material()), FitMethod::Auto, Some(&Ringing), Default::default()).unwrap_err();
     assert!(matches!(refused, ReportError::Metric(MetricError::Negative { .. })), "{refused}");
 }
