@@ -34,7 +34,7 @@ fn main() {
     {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let run = RunFolder::create(&folder.path().join("run"), false).expect("an empty folder");
-        let provenance = Provenance { sample: "red-plastic".into(), simulation: None };
+        let provenance = Provenance { sample: "red-plastic".into(), ..Provenance::default() };
         let control = Control::default();
         let request =
             Request { rig: &rig, plan: &plan, calibration: &calibration, provenance: &provenance, control: &control };

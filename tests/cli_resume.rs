@@ -191,7 +191,7 @@ fn a_journal_cut_in_a_line_is_taken_up_where_it_was_whole() {
     let run = run.expect("six frames make a pair");
     let journal = BENCH.path(&run).join("journal.jsonl");
     let text = fs::read_to_string(&journal).unwrap();
-    let frame = text.lines().filter(|l| l.contains("\"frame\"")).next_back().unwrap();
+    let frame = text.lines().rfind(|l| l.contains("\"frame\"")).unwrap();
     fs::write(&journal, &text[..text.find(frame).unwrap() + frame.len() / 2]).unwrap();
     assert!(BENCH.measure(&run, &[]).output().unwrap().status.success());
     BENCH.assert_undisturbed(&run);

@@ -211,6 +211,9 @@ fn steps(saturating: f64) -> Vec<u32> {
     all
 }
 
+/// Light, and mean value under it, DN.
+type LightAndMean = (f64, f64);
+
 /// A pair of frames under light and one of black frames for each exposure; and light and mean of the most equal pixels.
 fn levels(
     rig: &Rig,
@@ -218,7 +221,7 @@ fn levels(
     code: u8,
     refreshes: &[u32],
     pixels: &[usize],
-) -> Result<(Vec<Level>, Vec<(f64, f64)>), CalibrateError> {
+) -> Result<(Vec<Level>, Vec<LightAndMean>), CalibrateError> {
     let p = &rig.projector;
     let patterns = [code, 0].map(|code| Pattern::full(p.width_px, p.height_px, code));
     let pairs = refreshes.iter().flat_map(|&n| [f64::from(n) / p.refresh_hz; 2]);

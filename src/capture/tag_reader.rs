@@ -214,8 +214,8 @@ fn model(readings: &[TagReading]) -> (TagReading, Vec<Vec<f64>>) {
         let alike: Vec<usize> = (0..n).filter(|&j| j != i && reach(j).abs() < CROSSTALK_SIGMAS * noise).collect();
         let sum = first.contrast[i] + alike.iter().map(|&j| singles[j].contrast[i]).sum::<f64>();
         base.contrast[i] = sum / (1 + alike.len()) as f64;
-        for j in (0..n).filter(|j| !alike.contains(j)) {
-            columns[j][i] = singles[j].contrast[i] - base.contrast[i];
+        for (j, column) in columns.iter_mut().enumerate().filter(|(j, _)| !alike.contains(j)) {
+            column[i] = singles[j].contrast[i] - base.contrast[i];
         }
     }
     (base, columns)

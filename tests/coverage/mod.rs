@@ -138,8 +138,8 @@ pub fn coverage(draws: u64) -> Coverage {
     let pull = |b: &Budget, c: usize| (b.albedo.value[c] - want[c]) / b.albedo.standard_uncertainty[c];
     let found =
         Coverage { share: [0, 1, 2].map(inside), spread: [0, 1, 2].map(|c| over(&|b| pull(b, c).powi(2)).sqrt()) };
-    for c in 0..3 {
-        let sigma = over(&|b| b.albedo.standard_uncertainty[c] / want[c]);
+    for (c, want) in want.iter().enumerate() {
+        let sigma = over(&|b| b.albedo.standard_uncertainty[c] / want);
         eprintln!(
             "channel {c}: 95% intervals hold {:.1}% of {draws} draws; errors spread {:.2} of the uncertainty, {:.3}%",
             100.0 * found.share[c],
