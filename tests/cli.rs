@@ -284,20 +284,20 @@ fn a_file_size_limit_leaves_what_was_there() {
 #[test]
 fn a_run_that_breaks_off_says_so() {
     let desk = desk_with_run();
-    // An even projector's calibration is a small file, a response is not.
+    // An even projector's calibration is a small file, a frame is not.
     let rig = Rig::from_toml(RIG).unwrap();
     let mut calibration = CalibrationSet::read(&desk.path().join("run/calibration"), &rig).unwrap();
     calibration.flat = FlatField::uniform(rig.projector.width_px, rig.projector.height_px);
     calibration.write(&desk.path().join("even"), &rig).unwrap();
     let arguments = "measure rig.toml plan.toml --out new --simulate ggx-0.4 --calibration even";
     let output = zonal_limited(desk.path(), 100, arguments);
-    assert_refused(arguments, &output, &["new/responses/000", "too large", "free space"]);
+    assert_refused(arguments, &output, &["new/pending/000", "too large", "free space"]);
     let record = fs::read(desk.path().join("new/run.json")).unwrap();
     assert_eq!(serde_json::from_slice::<Value>(&record).unwrap()["status"], "failed");
     let left = contents(desk.path());
     assert!(!left.keys().any(|path| path.to_string_lossy().contains(".part")), "{:?}", left.keys());
     for arguments in ["convert new --out old.exr", "reduce new"] {
-        refused(&desk, arguments, &["new/run.json", "`failed`", "measure again"]);
+        refused(&desk, arguments, &["new/run.json", "`failed`", "--resume"]);
     }
 }
 
@@ -315,7 +315,7 @@ fn a_run_that_saturates_says_so() {
     replace(&desk.path().join("plan.toml"), "6000", "600");
     let output = zonal(desk.path(), arguments);
     assert_refused(arguments, &output, &["no signal", "saturated", "exposures"]);
-    refused(&desk, "convert new --out old.exr", &["new/run.json", "`failed`", "measure again"]);
+    refused(&desk, "convert new --out old.exr", &["new/run.json", "`failed`", "--resume"]);
 }
 
 #[test]
@@ -340,11 +340,11 @@ fn damaged_runs_are_refused() {
     damaged("run.json", &swap("\"order\": 1,", "\"order\": \"one\","), &both, &["run/run.json", "\"one\"", "again"]);
     damaged(
         "run.json",
-        &swap("\"format\": 1", "\"format\": 2, \"new\": 0"),
+        &swap("\"format\": 2", "\"format\": 3, \"new\": 0"),
         &both,
-        &["run/run.json", "format 2", "update"],
+        &["run/run.json", "format 3", "update"],
     );
-    damaged("run.json", &swap("complete", "running"), &both, &["run/run.json", "`running`", "measure again"]);
+    damaged("run.json", &swap("complete", "running"), &both, &["run/run.json", "`running`", "--resume"]);
     damaged(
         "run.json",
         &swap("\"gains\": [", "\"gains\": [1.0,"),

@@ -113,7 +113,7 @@ fn damaged_runs_are_refused() {
     let (record, coefficients) = (desk.path().join("run/run.json"), desk.path().join("run/coefficients.exr"));
     let (json, whole) = (fs::read_to_string(&record).unwrap(), fs::read(&coefficients).unwrap());
     fs::write(&record, json.replace("\"complete\"", "\"failed\"")).unwrap();
-    refused(&desk, "report run", &["run/run.json", "`failed`", "measure again"]);
+    refused(&desk, "report run", &["run/run.json", "`failed`", "--resume"]);
     fs::write(&record, &json[..json.len() / 2]).unwrap();
     refused(&desk, "report run", &["run/run.json", "make it again"]);
     fs::write(&record, json).unwrap();

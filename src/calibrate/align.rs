@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::CalibrateError;
 use super::crosses::{Cross, Sample, Shape, find};
 use super::least_squares::minimise;
-use crate::capture::{Bench, Crop, Placement, ResponseImage, capture_sequence};
+use crate::capture::{Bench, Crop, Placement, ResponseImage, capture_frames, sensor};
 use crate::optics::{Device, Misaligned, Misalignment, Rig};
 use crate::patterns::{Pattern, Primary, Timing};
 
@@ -107,15 +107,12 @@ pub fn align(rig: &Rig, bench: &mut dyn Bench) -> Result<AxisAlignment, Calibrat
 }
 
 fn look(rig: &Rig, bench: &mut dyn Bench) -> Result<Seen, CalibrateError> {
-    let exposures = [SHOT_REFRESHES * Timing::of(rig).refresh_s; SHOTS];
     let (w, h) = (rig.projector.width_px, rig.projector.height_px);
     let [white, black] = [255, 0].map(|code| Pattern::full(w, h, code));
-    let crop = Crop::whole(rig);
     bench.place(Placement::PrintedCross)?;
-    let frames = [white.clone(), black.clone(), drawn_cross(w, h)];
-    let screen = capture_sequence(rig, bench, &frames, &exposures, crop)?;
+    let screen = shots(rig, bench, &[white.clone(), black.clone(), drawn_cross(w, h)])?;
     bench.place(Placement::Crosses)?;
-    let wires = capture_sequence(rig, bench, &[white, black], &exposures, crop)?;
+    let wires = shots(rig, bench, &[white, black])?;
 
     let scale = Scale::of(rig);
     let lens = rig.camera.lens();
@@ -134,6 +131,25 @@ fn look(rig: &Rig, bench: &mut dyn Bench) -> Result<Seen, CalibrateError> {
     let both = find(&ratio(&wired, &bare), &[scale.wire, scale.shadow], at, radius, 0);
     let both = both.ok_or(CalibrateError::NoCross { which: "wire" })?;
     Ok(Seen { printed, drawn, wire: both[0], shadow: both[1] })
+}
+
+/// Photographs of patterns on the screen.
+///
+/// The screen is out of the projector's focus, so that light of the pattern spreads into the coded patch. Without it, a first
+/// shot that is not used gives the projector all the time it can need.
+fn shots(rig: &Rig, bench: &mut dyn Bench, patterns: &[Pattern]) -> Result<Vec<ResponseImage>, CalibrateError> {
+    let mut rig = rig.clone();
+    rig.projector.tag = false;
+    let exposures = [SHOT_REFRESHES * Timing::of(&rig).refresh_s; SHOTS + 1];
+    let mut taken = vec![Vec::with_capacity(SHOTS); patterns.len()];
+    let crop = Crop::whole(&rig);
+    capture_frames(&rig, bench, patterns, &exposures, crop, &mut |pattern, shot, frame| {
+        if shot > 0 {
+            taken[pattern].push(frame);
+        }
+    })?;
+    let sensor = sensor(&rig);
+    Ok(taken.iter().map(|frames| ResponseImage::merge(&sensor, None, crop, frames)).collect())
 }
 
 /// A dark cross on white through the middle of the panel.

@@ -14,7 +14,7 @@ const SETTLE_S: f64 = 0.15;
 const LATENCY_PROBES: usize = 2;
 /// Refresh periods a frame lasts that watches a change.
 const PROBE_REFRESHES: f64 = 8.0;
-/// Refresh periods of the frames the patch is learned from.
+/// Refresh periods of the frames the patch is learned from; longer, up to the run's longest exposure, where the patch is dim.
 const LEARNING_REFRESHES: f64 = 4.0;
 /// Share of the linear range that the patch may fill in the longest exposure.
 const HEADROOM: f64 = 0.7;
@@ -64,11 +64,13 @@ impl Acquisition<'_> {
     /// Finds level and latency and learns the patch; again where a frame was late or lost on the way.
     fn learn_tag(&mut self, layout: &TagLayout, any: &Pattern, longest_s: f64) -> Result<TagModel, CaptureError> {
         let mut problem = String::new();
+        let mut exposure_s = LEARNING_REFRESHES / self.rig.projector.refresh_hz;
         for _ in 0..ATTEMPTS {
-            match self.try_learn_tag(layout, any, longest_s)? {
+            match self.try_learn_tag(layout, any, longest_s, exposure_s)? {
                 Ok(model) => return Ok(model),
                 Err(reason) => problem = reason,
             }
+            exposure_s = (2.0 * exposure_s).min(longest_s).max(exposure_s);
         }
         Err(CaptureError::NoTag { problem })
     }
@@ -79,6 +81,7 @@ impl Acquisition<'_> {
         layout: &TagLayout,
         any: &Pattern,
         longest_s: f64,
+        exposure_s: f64,
     ) -> Result<Result<TagModel, String>, CaptureError> {
         self.latency_s = 0.0;
         self.restart(PROBE_FIRST)?;
@@ -93,7 +96,6 @@ impl Acquisition<'_> {
         self.load(&probes)?;
         self.latency_s = self.measure_latency(layout, probes.len() - 1)?;
         self.restart(LEARNING_FIRST)?;
-        let exposure_s = LEARNING_REFRESHES / self.rig.projector.refresh_hz;
         let mut frames: Vec<Frame> = Vec::with_capacity(probes.len());
         for _ in 0..ATTEMPTS * probes.len() {
             if frames.len() == probes.len() {

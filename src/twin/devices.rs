@@ -4,8 +4,8 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::Faults;
-use super::bench::Scene;
 use super::faults::FrameFault;
+use super::scene::Scene;
 use crate::capture::{
     Camera, CameraFactory, CameraLimits, CaptureError, Clock, Frame, FrameFlags, Projector, ProjectorFactory,
     ProjectorLimits, Triggering,
@@ -16,6 +16,9 @@ use crate::patterns::Pattern;
 const BUFFERS: usize = 4;
 /// Shortest and longest exposure of the simulated camera, s.
 const EXPOSURES_S: [f64; 2] = [1e-5, 60.0];
+
+/// Numbers of frames stay below this power of two: above it, the noise of one session is told from another's.
+const SESSION_SHIFT: u32 = 44;
 
 /// What a delivered frame really was: for tests, never for the engine.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -55,6 +58,8 @@ pub(super) struct Devices {
     /// Frames ready to be read.
     ready: VecDeque<Exposure>,
     sequence: u64,
+    /// How often the camera was opened.
+    opened: u64,
     delivered: u64,
     last_start_s: f64,
     /// What was delivered last.
@@ -84,10 +89,13 @@ impl World {
 
     /// Renders an exposure: the frame and what it really shows.
     fn render(&self, exposure: Exposure) -> (Frame, Truth) {
-        let parts = self.state().parts(exposure);
+        let (parts, session) = {
+            let state = self.state();
+            (state.parts(exposure), state.opened.saturating_sub(1))
+        };
         let middle_s = exposure.start_s + 0.5 * exposure.exposure_s;
         let mut scene = self.scene();
-        let samples = scene.expose(&parts, exposure.exposure_s, exposure.sequence, middle_s);
+        let samples = scene.expose(&parts, exposure.exposure_s, exposure.sequence ^ session << SESSION_SHIFT, middle_s);
         let (width, height) = scene.sensor_size();
         let longest = parts.iter().max_by(|a, b| a.1.total_cmp(&b.1));
         let truth = Truth {
@@ -199,7 +207,9 @@ impl CameraFactory for TwinCameraFactory {
     }
 
     fn open(&self) -> Result<Box<dyn Camera>, CaptureError> {
-        let former_s = self.0.state().exposure_s;
+        let mut state = self.0.state();
+        state.opened += 1;
+        let former_s = state.exposure_s;
         Ok(Box::new(TwinCamera { world: self.0.clone(), former_s }))
     }
 }

@@ -12,7 +12,8 @@ mod devices;
 mod faults;
 mod forward;
 mod geometry;
-mod pixels;
+mod scene;
+mod sensor;
 mod targets;
 
 pub use bench::TwinBench;
