@@ -90,6 +90,11 @@ impl Zone {
     pub fn contains(&self, theta: f64) -> bool {
         (self.theta_min..=self.theta_max).contains(&theta)
     }
+
+    /// Whether both limits are those of `other` to 1e-6 radians: files hold degrees.
+    pub fn is_close(&self, other: &Self) -> bool {
+        (self.theta_min - other.theta_min).abs().max((self.theta_max - other.theta_max).abs()) < 1e-6
+    }
 }
 
 /// cos(theta) that is exactly 0 at a right angle, so that the horizon stays the horizon.

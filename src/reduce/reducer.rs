@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::{CellMap, CellResponse, Coefficients, ReduceError};
 use crate::basis::size;
 use crate::capture::ResponseImage;
-use crate::geometry::Zone;
+use crate::geometry::{ExitantGrid, Zone};
 use crate::patterns::{Lobe, Sign};
 
 /// What turns lobe differences in electrons per second into coefficients: one smooth curve over theta_o per channel.
@@ -79,7 +79,9 @@ impl Reducer {
     /// [`ReduceError::Stray`] if it covers other directions or fewer functions.
     pub fn less_stray(mut self, stray: &Coefficients) -> Result<Self, ReduceError> {
         let grid = self.cells.grid();
-        if stray.grid != grid || stray.order < self.order {
+        let cells = |grid: ExitantGrid| (grid.rings(), grid.sectors());
+        let alike = cells(stray.grid) == cells(grid) && stray.grid.zone().is_close(&grid.zone());
+        if !alike || stray.order < self.order {
             return Err(ReduceError::Stray {
                 order: stray.order,
                 grid: [stray.grid.rings(), stray.grid.sectors()],

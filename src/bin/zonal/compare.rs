@@ -38,11 +38,9 @@ fn zone(text: &str) -> Result<Zone, String> {
 
 /// The zone asked for, which must be a fit's own: errors in another one would be read as those of the measurement.
 fn zone_of(args: &Args, fitted: Option<Zone>) -> anyhow::Result<Zone> {
-    let same =
-        |a: Zone, b: Zone| (a.theta_min() - b.theta_min()).abs().max((a.theta_max() - b.theta_max()).abs()) < 1e-6;
     let degrees = |z: Zone| format!("{:.2}..{:.2} deg", z.theta_min().to_degrees(), z.theta_max().to_degrees());
     match (args.zone, fitted) {
-        (Some(asked), Some(own)) if !same(asked, own) => Err(BadUsage(format!(
+        (Some(asked), Some(own)) if !asked.is_close(&own) => Err(BadUsage(format!(
             "{} was fitted in {}, --zone asks for {}: leave --zone out, or fit a run of that zone",
             args.model,
             degrees(own),
