@@ -40,11 +40,11 @@ fn main() {
             Request { rig: &rig, plan: &plan, calibration: &calibration, provenance: &provenance, control: &control };
         let started = Instant::now();
         let measured = measure(&request, &mut bench as &mut dyn Bench, Some(&run), &mut |_, _| ()).expect("no faults");
-        // Computing what mirrors and sample do is the simulation's, not the engine's.
-        let wall_s = started.elapsed().as_secs_f64() - bench.physics_s();
+        // Computing what mirrors, sample and sensor do is the simulation's, not the engine's.
+        let (late_s, wall_s) = (bench.late_s(), started.elapsed().as_secs_f64() - bench.late_s());
         let capture = &measured.record.capture;
         println!(
-            "{name:>12}: {wall_s:.2} s, {:.3} of the floor (at most {most}); engine {:.3} ms per frame, {} skipped, {} taken again, {:.2} s after the last frame",
+            "{name:>12}: {wall_s:.2} s, {:.3} of the floor (at most {most}); engine {:.3} ms per frame, {} skipped, {} taken again, {:.2} s after the last frame; frames came {late_s:.2} s late, taken off",
             wall_s / floor_s,
             1e3 * capture.engine_s_per_frame,
             capture.skipped,

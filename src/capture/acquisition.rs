@@ -435,8 +435,11 @@ impl<'a> Acquisition<'a> {
 
     /// The part of a frame that is merged.
     pub fn cut(frame: &Frame, crop: Crop) -> Vec<u16> {
-        let rows = crop.v0..crop.v0 + crop.height;
-        rows.flat_map(|v| &frame.samples[v * frame.width + crop.u0..][..crop.width]).copied().collect()
+        let mut samples = Vec::with_capacity(crop.len());
+        for v in crop.v0..crop.v0 + crop.height {
+            samples.extend_from_slice(&frame.samples[v * frame.width + crop.u0..][..crop.width]);
+        }
+        samples
     }
 
     /// Runs something that waits for a device; its time is not the engine's.

@@ -12,9 +12,8 @@ use crate::radiometry::Lamp;
 const SETTLE_S: f64 = 0.15;
 /// Changes of pattern whose latency is measured.
 const LATENCY_PROBES: usize = 2;
-/// Refresh periods a frame lasts that watches a change.
-const PROBE_REFRESHES: f64 = 8.0;
-/// Refresh periods of the frames the patch is learned from; longer, up to the run's longest exposure, where the patch is dim.
+/// Refresh periods of the frames that changes are watched with and the patch is learned from; longer, up to the run's longest
+/// exposure, where the patch is dim.
 const LEARNING_REFRESHES: f64 = 4.0;
 /// Share of the linear range that the patch may fill in the longest exposure.
 const HEADROOM: f64 = 0.7;
@@ -24,6 +23,8 @@ const PROBE_FIRST: u64 = 1 << 40;
 const LEARNING_FIRST: u64 = 1 << 41;
 /// How often the patch is learned anew before it is given up.
 const ATTEMPTS: usize = 16;
+/// Noise of the patch's two ends over the change between them, at most: a share of it then tells when it came.
+const CLEAR: f64 = 0.05;
 /// A share of a change below which it is over.
 const SETTLED: f64 = 0.02;
 
@@ -94,25 +95,28 @@ impl Acquisition<'_> {
         let codes: Vec<usize> = std::iter::once(0).chain(singles).chain([opposite]).collect();
         let probes: Vec<Pattern> = codes.iter().map(|&code| layout.draw(&blank, code, level)).collect();
         self.load(&probes)?;
-        self.latency_s = self.measure_latency(layout, probes.len() - 1)?;
+        let [first, check] = self.ends(layout, probes.len() - 1, exposure_s, longest_s)?;
+        let exposure_s = first.exposure_s;
+        self.latency_s = self.measure_latency(layout, [&first, &check])?;
         self.restart(LEARNING_FIRST)?;
-        let mut frames: Vec<Frame> = Vec::with_capacity(probes.len());
+        let mut frames: Vec<Frame> = Vec::with_capacity(probes.len() - 1);
+        frames.push(first);
         for _ in 0..ATTEMPTS * probes.len() {
-            if frames.len() == probes.len() {
+            if frames.len() == probes.len() - 1 {
                 break;
             }
             let next = frames.len() + 1;
-            let frame = self.fresh(frames.len(), exposure_s, 0.0, Some(next).filter(|&n| n < probes.len()))?;
+            let frame = self.fresh(frames.len(), exposure_s, 0.0, Some(next).filter(|&n| n < probes.len() - 1))?;
             // Every probe differs from the one before: equal samples are a frame that came twice.
             if frames.last().is_none_or(|former| former.samples != frame.samples) {
                 frames.push(frame);
             }
         }
-        let Some((check, learned)) = frames.split_last().filter(|_| frames.len() == probes.len()) else {
+        if frames.len() < probes.len() - 1 {
             return Ok(Err("the same frame comes again and again".into()));
-        };
-        Ok(TagModel::learn(layout.clone(), self.sensor, learned).and_then(|model| {
-            match model.judge(&model.read(check), opposite, &[], 1.0) {
+        }
+        Ok(TagModel::learn(layout.clone(), self.sensor, &frames).and_then(|model| {
+            match model.judge(&model.read(&check), opposite, &[], 1.0) {
                 Verdict::Expected { .. } => Ok(model),
                 _ => {
                     Err("its cells do not add up: the light is not steady, or the projector is late now and then"
@@ -202,20 +206,22 @@ impl Acquisition<'_> {
         }
     }
 
-    /// Watches the change between probe 0 and `other`, both ways, and returns the worst time it took beyond the projector's
-    /// own word, with a refresh period for the phase that was not met.
-    fn measure_latency(&mut self, layout: &TagLayout, other: usize) -> Result<f64, CaptureError> {
-        let refresh_s = 1.0 / self.rig.projector.refresh_hz;
-        let probe_s = PROBE_REFRESHES * refresh_s;
-        let sensor = self.sensor;
-        let contrast = |frame: &Frame| TagReading::of(layout, &sensor, frame).contrast.iter().sum::<f64>();
-        let mut settle_s = SETTLE_S;
-        let ends = loop {
-            let ends = [self.fresh(0, probe_s, settle_s, None)?, self.fresh(other, probe_s, settle_s, None)?];
-            let [unlit, lit] = ends.each_ref().map(contrast);
-            let noise = TagReading::of(layout, &sensor, &ends[0]).variance.iter().sum::<f64>().sqrt();
-            if lit - unlit > 20.0 * noise {
-                break [unlit, lit];
+    /// Frames of probe 0 and of `other`, between which all cells change: with more time to settle and a longer exposure until
+    /// they differ clearly.
+    fn ends(
+        &mut self,
+        layout: &TagLayout,
+        other: usize,
+        exposure_s: f64,
+        longest_s: f64,
+    ) -> Result<[Frame; 2], CaptureError> {
+        let (mut exposure_s, mut settle_s) = (exposure_s, SETTLE_S);
+        loop {
+            let ends = [self.fresh(0, exposure_s, settle_s, None)?, self.fresh(other, exposure_s, settle_s, None)?];
+            let [unlit, lit] = ends.each_ref().map(|frame| self.contrast(layout, frame));
+            let noise = TagReading::of(layout, &self.sensor, &ends[0]).variance.iter().sum::<f64>().sqrt();
+            if CLEAR * (lit - unlit) > noise {
+                return Ok(ends);
             }
             settle_s *= 2.0;
             if settle_s > FROZEN_S {
@@ -223,7 +229,21 @@ impl Acquisition<'_> {
                     format!("it changes by {:.0} e-/s when all its cells do, noise is {noise:.0} e-/s", lit - unlit);
                 return Err(CaptureError::NoTag { problem });
             }
-        };
+            exposure_s = (2.0 * exposure_s).min(longest_s).max(exposure_s);
+        }
+    }
+
+    /// Sum of the contrasts of all bits, e-/s.
+    fn contrast(&self, layout: &TagLayout, frame: &Frame) -> f64 {
+        TagReading::of(layout, &self.sensor, frame).contrast.iter().sum()
+    }
+
+    /// Watches the change between the first and the last probe, which look like `ends`, both ways, and returns the worst time
+    /// it took beyond the projector's own word, with a refresh period for the phase that was not met.
+    fn measure_latency(&mut self, layout: &TagLayout, ends: [&Frame; 2]) -> Result<f64, CaptureError> {
+        let refresh_s = 1.0 / self.rig.projector.refresh_hz;
+        let (probe_s, other) = (ends[0].exposure_s, layout.bits().len() + 1);
+        let ends = ends.map(|frame| self.contrast(layout, frame));
         let mut worst_s = 0.0f64;
         let mut missing = Rejections::default();
         for probe in 0..LATENCY_PROBES {
@@ -238,7 +258,7 @@ impl Acquisition<'_> {
                     missing.add(Rejection::Missing, self.waited_s())?;
                     continue;
                 };
-                let share = (contrast(&frame) - ends[0]) / (ends[1] - ends[0]);
+                let share = (self.contrast(layout, &frame) - ends[0]) / (ends[1] - ends[0]);
                 let done = if target == 0 { 1.0 - share } else { share };
                 if done > SETTLED && done < 1.0 - SETTLED {
                     changed_s = Some(frame.timestamp_s + (1.0 - done) * frame.exposure_s);

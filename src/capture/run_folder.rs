@@ -110,7 +110,9 @@ impl RunFolder {
     pub fn keep_pending(&self, entry: &FrameEntry, crop: Crop, samples: &[u16]) -> Result<(), StoreError> {
         let path = self.pending_path(entry.repeat, &entry.lobe, entry.exposure);
         let mut bytes = format!("P5 {} {} 65535\n", crop.width, crop.height).into_bytes();
-        bytes.extend(samples.iter().flat_map(|s| s.to_be_bytes()));
+        let start = bytes.len();
+        bytes.resize(start + 2 * samples.len(), 0);
+        bytes[start..].chunks_exact_mut(2).zip(samples).for_each(|(b, s)| b.copy_from_slice(&s.to_be_bytes()));
         store::write_quickly(&path, &bytes)
     }
 

@@ -3,6 +3,8 @@
 use std::path::Path;
 use std::time::Instant;
 
+use rayon::prelude::*;
+
 use super::record::CaptureRecord;
 use super::{AutomaticExposer, Budget, Evidence, MeasureError, Provenance, RunRecord};
 use crate::basis::{OrderError, size};
@@ -58,12 +60,10 @@ pub fn measure(
     if let Some(map) = &calibration.map {
         map.check_zone(rig)?;
     }
-    let pairs = lobe_pairs(rig, plan, calibration)?;
-    let record = new_record(request, &pairs);
     // Found out before a folder is made.
-    let camera = calibration.maps(rig).camera;
-    reducer(rig, plan, &camera, &record.gains, calibration, &record.provenance)?;
+    let prepared = Prepared::new(request)?;
     calibration.to_colours(plan.colour_space())?;
+    let record = new_record(request, &prepared.pairs);
     if let Some(folder) = folder {
         folder.begin(|path| {
             store::write(&path.join("rig.toml"), rig.to_toml().as_bytes())?;
@@ -72,7 +72,7 @@ pub fn measure(
             store::write_json(&path.join("run.json"), &record)
         })?;
     }
-    perform(request, bench, &pairs, record, folder, progress)
+    perform(request, bench, prepared, record, folder, progress)
 }
 
 /// Goes on with a run that was stopped, failed or killed: takes the frames that are missing and reduces all.
@@ -95,8 +95,8 @@ pub fn resume<E: From<MeasureError>>(
     let mut bench = make_bench(&rig, &record)?;
     let provenance = record.provenance.clone();
     let request = Request { rig: &rig, plan: &plan, calibration: &calibration, provenance: &provenance, control };
-    let pairs = lobe_pairs(&rig, &plan, &calibration).map_err(MeasureError::from)?;
-    Ok(perform(&request, bench.as_mut(), &pairs, record, Some(&folder), progress)?)
+    let prepared = Prepared::new(&request)?;
+    Ok(perform(&request, bench.as_mut(), prepared, record, Some(&folder), progress)?)
 }
 
 fn open(path: &Path) -> Result<(RunFolder, RunRecord), MeasureError> {
@@ -143,7 +143,7 @@ fn new_record(request: &Request<'_>, pairs: &[LobePair]) -> RunRecord {
 fn perform(
     request: &Request<'_>,
     bench: &mut dyn Bench,
-    pairs: &[LobePair],
+    prepared: Prepared,
     mut record: RunRecord,
     folder: Option<&RunFolder>,
     progress: &mut Progress<'_>,
@@ -154,7 +154,7 @@ fn perform(
     if let Some(folder) = folder {
         store::write_json(&folder.file("run.json"), &record)?;
     }
-    let captured = capture(request, bench, pairs, folder, progress);
+    let captured = capture(request, bench, prepared, folder, progress);
     let outcome = captured.and_then(|captured| finish(request, captured, &mut record, started, folder));
     if let (Err(error), Some(folder)) = (&outcome, folder) {
         let stopped = matches!(error, MeasureError::Capture(CaptureError::Stopped { .. }));
@@ -173,7 +173,26 @@ fn perform(
 pub fn lobe_pairs(rig: &Rig, plan: &Plan, calibration: &CalibrationSet) -> Result<Vec<LobePair>, OrderError> {
     let p = &rig.projector;
     let lobes = Lobes::new(&calibration.maps(rig).projector, rig.zone(), plan.order, p.width_px, p.height_px)?;
-    Ok((0..size(plan.order)).map(|k| lobes.encode(k, &calibration.response, &calibration.flat)).collect())
+    let all = (0..size(plan.order)).into_par_iter();
+    Ok(all.map(|k| lobes.encode(k, &calibration.response, &calibration.flat)).collect())
+}
+
+/// What a run shows and how it is reduced, computed before anything moves.
+struct Prepared {
+    pairs: Vec<LobePair>,
+    camera: OpticalMap,
+    reducer: Reducer,
+}
+
+impl Prepared {
+    fn new(request: &Request<'_>) -> Result<Self, MeasureError> {
+        let Request { rig, plan, calibration, provenance, .. } = *request;
+        let pairs = lobe_pairs(rig, plan, calibration)?;
+        let gains: Vec<f64> = pairs.iter().map(|p| p.gain).collect();
+        let camera = calibration.maps(rig).camera;
+        let reducer = reducer(rig, plan, &camera, &gains, calibration, provenance)?;
+        Ok(Self { pairs, camera, reducer })
+    }
 }
 
 struct Captured {
@@ -186,14 +205,13 @@ struct Captured {
 fn capture(
     request: &Request<'_>,
     bench: &mut dyn Bench,
-    pairs: &[LobePair],
+    prepared: Prepared,
     folder: Option<&RunFolder>,
     progress: &mut Progress<'_>,
 ) -> Result<Captured, MeasureError> {
-    let Request { rig, plan, calibration, provenance, control } = *request;
+    let Request { rig, plan, calibration, control, .. } = *request;
+    let Prepared { pairs, camera, mut reducer } = prepared;
     let gains: Vec<f64> = pairs.iter().map(|p| p.gain).collect();
-    let camera = calibration.maps(rig).camera;
-    let mut reducer = reducer(rig, plan, &camera, &gains, calibration, provenance)?;
     let rig = &calibration.rig(rig);
     let patterns: Vec<Pattern> = pairs.iter().flat_map(|p| p.patterns.clone()).collect();
     let timing = Timing::of(rig);

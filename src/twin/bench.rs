@@ -76,9 +76,9 @@ impl TwinBench {
         self.changed(|world| world.faults = faults)
     }
 
-    /// Time spent on computing what mirrors and sample do to light, s: a real rig needs none.
-    pub fn physics_s(&self) -> f64 {
-        self.world.scene.lock().unwrap_or_else(PoisonError::into_inner).physics_s
+    /// Time by which frames in real time came later than a camera that need not compute them could have begun the next, s.
+    pub fn late_s(&self) -> f64 {
+        self.world.state.lock().unwrap_or_else(PoisonError::into_inner).late_s
     }
 
     /// What every frame delivered so far really was: for tests.

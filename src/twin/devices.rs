@@ -60,6 +60,8 @@ pub(super) struct Devices {
     sequence: u64,
     /// How often the camera was opened.
     opened: u64,
+    /// See [`TwinBench::late_s`](super::TwinBench::late_s).
+    pub late_s: f64,
     delivered: u64,
     last_start_s: f64,
     /// What was delivered last.
@@ -328,8 +330,12 @@ impl Camera for TwinCamera {
                 self.world.clock.sleep_until_s(deadline_s);
                 return Ok(None);
             };
-            let due_s = exposure.start_s + self.times(exposure.exposure_s).1;
+            let (period_s, done_s) = self.times(exposure.exposure_s);
+            let due_s = exposure.start_s + done_s;
+            let ready_s = self.world.clock.now_s().max(exposure.start_s + period_s);
             let delivered = self.world.deliver(exposure);
+            let late_s = (self.world.clock.now_s() - ready_s).max(0.0);
+            self.world.state().late_s += late_s;
             self.world.clock.sleep_until_s(due_s);
             if let Some((frame, truth)) = delivered {
                 self.world.state().truth.push(truth);

@@ -3,7 +3,6 @@
 use std::collections::HashMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
-use std::time::Instant;
 
 use rayon::prelude::*;
 
@@ -56,8 +55,6 @@ pub(super) struct Scene {
     border: Vec<(u32, u32, f32)>,
     /// Electrons per second of each sensor pixel for one pattern.
     rates: Option<(usize, Vec<f32>)>,
-    /// Time spent on what mirrors and sample do to light, s.
-    pub physics_s: f64,
 }
 
 impl Scene {
@@ -109,7 +106,6 @@ impl Scene {
             reflected: HashMap::new(),
             border,
             rates: None,
-            physics_s: 0.0,
         }
     }
 
@@ -244,9 +240,7 @@ impl Scene {
         }
         let content = self.content(shown);
         if !self.reflected.contains_key(&content) {
-            let started = Instant::now();
             self.reflect();
-            self.physics_s += started.elapsed().as_secs_f64();
         }
         for ((i, _), rate) in self.pixels.iter().zip(&self.reflected[&content]) {
             rates[*i] += rate;
