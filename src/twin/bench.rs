@@ -63,7 +63,11 @@ impl TwinBench {
 
     /// The same rig in real time.
     pub fn paced(self) -> Self {
-        self.changed(|world| world.clock = Arc::new(RealClock::start()))
+        self.changed(|world| {
+            let refresh_s = 1.0 / world.scene.get_mut().unwrap_or_else(PoisonError::into_inner).refresh_hz();
+            // What the devices remember are times of the other clock.
+            (world.clock, world.state) = (Arc::new(RealClock::start()), Mutex::new(Devices::new(refresh_s)));
+        })
     }
 
     /// The same rig with a camera that runs freely.

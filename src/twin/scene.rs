@@ -146,6 +146,9 @@ impl Scene {
 
     /// Puts something else in place.
     pub fn place(&mut self, what: Placement) {
+        if what == self.placement {
+            return;
+        }
         self.placement = what;
         (self.target, self.rates) = (None, None);
         self.reflected.clear();
