@@ -1,5 +1,6 @@
 //! What every calibration file says of itself, and what it must say to be used.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::path::Path;
 
@@ -40,6 +41,17 @@ pub enum Kind {
 }
 
 impl Kind {
+    /// What it is measured with: newer files of these make it worthless. The gray card's scale is of electrons as the camera's
+    /// gain counts them, of lobes as response, flat field and map make them, and of light without what the trap saw.
+    pub fn made_with(self) -> &'static [Self] {
+        match self {
+            Kind::FlatField => &[Kind::Map],
+            Kind::BlackTrap => &[Kind::Camera, Kind::Response, Kind::FlatField, Kind::Map],
+            Kind::GrayCard => &[Kind::Camera, Kind::Response, Kind::FlatField, Kind::Map, Kind::BlackTrap],
+            _ => &[],
+        }
+    }
+
     /// Name of its file.
     pub fn file(self) -> &'static str {
         match self {
@@ -140,6 +152,22 @@ pub fn fingerprint(rig: &Rig) -> String {
         .bytes()
         .fold(0xcbf2_9ce4_8422_2325u64, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3));
     format!("{hash:016x}")
+}
+
+/// Checks that nothing in `folder` was made before what it was measured with. Files without a date are taken as they are.
+///
+/// # Errors
+/// [`CalibrateError::Outdated`].
+pub fn in_order(folder: &Path, headers: &BTreeMap<Kind, Header>) -> Result<(), CalibrateError> {
+    let date = |kind: Kind| headers.get(&kind).and_then(|header| header.date);
+    for &kind in headers.keys() {
+        let newer = kind.made_with().iter().find(|&&used| date(used).zip(date(kind)).is_some_and(|(u, k)| u > k));
+        if let Some(&newer) = newer {
+            let path = folder.join(kind.file()).display().to_string();
+            return Err(CalibrateError::Outdated { path, newer: newer.file(), kind });
+        }
+    }
+    Ok(())
 }
 
 impl Header {
@@ -289,5 +317,27 @@ mod tests {
         assert!(told(&longer, Acceptance::default()).contains(&fingerprint(&longer)));
         let wrong = header.check(path, Kind::GrayCard, &rig(), &Acceptance::default()).unwrap_err().to_string();
         assert!(wrong.contains("`response`, not `gray-card`"), "{wrong}");
+    }
+
+    #[test]
+    fn what_was_made_before_its_ingredients_is_outdated() {
+        let header = |kind, date: &str| {
+            let origin = Origin { date: date.parse().unwrap(), devices: Devices::Real };
+            (kind, Header::new(kind, &rig(), Some(&origin)))
+        };
+        let (early, late) = ("2026-01-10T12:00:00Z", "2026-01-10T12:00:01Z");
+        let mut all = BTreeMap::from([header(Kind::Response, early), header(Kind::GrayCard, early)]);
+        let folder = Path::new("cal");
+        assert!(in_order(folder, &all).is_ok());
+        all.extend([header(Kind::Colour, late)]);
+        assert!(in_order(folder, &all).is_ok());
+        all.extend([header(Kind::Map, late)]);
+        let told = in_order(folder, &all).unwrap_err().to_string();
+        assert!(
+            ["cal/gray-card.json", "map.json", "zonal calibrate gray-card"].iter().all(|w| told.contains(w)),
+            "{told}"
+        );
+        all.extend([header(Kind::GrayCard, late)]);
+        assert!(in_order(folder, &all).is_ok());
     }
 }

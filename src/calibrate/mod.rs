@@ -31,7 +31,7 @@ pub use colour::colour;
 pub use emva::{EmvaDescription, EmvaError, EmvaGroup};
 pub use files::Folder;
 pub use gray_card::{GrayCardCheck, Known, black_trap, gray_card, gray_card_plan};
-pub use header::{Acceptance, CALIBRATION_FORMAT, Devices, Freshness, Header, Kind, Origin, fingerprint};
+pub use header::{Acceptance, CALIBRATION_FORMAT, Devices, Freshness, Header, Kind, Origin, fingerprint, in_order};
 pub use map::{Maps, RigMap, map};
 pub use procedures::{flat_field, response};
 pub use reference::{FactorTable, GRAY_CARD_ALBEDO, Reference, gray_card_coefficients};
@@ -83,7 +83,7 @@ pub enum CalibrateError {
     /// The rig asks for a zone that its misaligned mirrors do not give.
     #[error(
         "the rig's zone {:.2}..{:.2} deg reaches beyond what its map allows, {:.2}..{:.2} deg at every azimuth: set \
-         zone.theta_min_deg and zone.theta_max_deg within it and calibrate flat field and gray card again, or align the rig",
+         zone.theta_min_deg and zone.theta_max_deg within it and calibrate anew, or align the rig",
         asked_deg[0], asked_deg[1], allowed_deg[0], allowed_deg[1]
     )]
     ZoneBeyondMap {
@@ -141,6 +141,16 @@ pub enum CalibrateError {
         age_days: f64,
         /// Greatest age allowed, days.
         max_age_days: f64,
+        /// What it holds.
+        kind: Kind,
+    },
+    /// A calibration was made with files that have since been replaced.
+    #[error("{path} was made before {newer} beside it, with which it is measured: run `zonal calibrate {kind}` again")]
+    Outdated {
+        /// The file.
+        path: String,
+        /// File that is newer.
+        newer: &'static str,
         /// What it holds.
         kind: Kind,
     },

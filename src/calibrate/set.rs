@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::files::Folder;
 use super::gray_card::{self, Known};
-use super::header::{Acceptance, Header, Kind, Origin};
+use super::header::{Acceptance, Header, Kind, Origin, in_order};
 use super::{CalibrateError, CameraFigures, GrayCardCheck, Maps, Reference, RigMap, procedures};
 use crate::capture::{Bench, Progress, SensorMaps};
 use crate::optics::Rig;
@@ -131,6 +131,10 @@ impl CalibrationSet {
         let sensor = part(&mut headers, Kind::CameraMaps, files.if_there(Kind::CameraMaps, Folder::read_maps))?;
         let colour = part(&mut headers, Kind::Colour, files.if_there(Kind::Colour, Folder::read_colour))?;
         let map = part(&mut headers, Kind::Map, files.if_there(Kind::Map, Folder::read_map))?;
+        // What a finished run holds stays as valid as it was.
+        if accept.freshness.is_some() {
+            in_order(folder, &headers)?;
+        }
         Ok(Self { response, channels, flat, scale, check, black_trap, camera, sensor, colour, map, headers })
     }
 

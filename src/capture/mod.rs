@@ -30,7 +30,7 @@ pub use response_image::{Crop, ResponseImage, SensorMaps};
 pub use run_folder::{RUN_FORMAT, RunFolder};
 pub use sequence::{KeepFrame, capture_frames, capture_sequence};
 pub use state::{Control, Input, State};
-pub use tag_reader::{TagModel, TagReading, Verdict};
+pub use tag_reader::{TagModel, TagProblem, TagReading, Verdict};
 
 /// Why a capture ended early.
 #[derive(Debug, Error)]

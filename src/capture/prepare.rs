@@ -3,7 +3,7 @@
 
 use super::acquisition::{Acquisition, FROZEN_S, Rejections, near};
 use super::device::Frame;
-use super::tag_reader::{TagModel, TagReading, Verdict};
+use super::tag_reader::{TagModel, TagProblem, TagReading, Verdict};
 use super::{CaptureError, Rejection};
 use crate::patterns::{Pattern, TagLayout};
 use crate::radiometry::Lamp;
@@ -64,16 +64,18 @@ impl Acquisition<'_> {
 
     /// Finds level and latency and learns the patch; again where a frame was late or lost on the way.
     fn learn_tag(&mut self, layout: &TagLayout, any: &Pattern, longest_s: f64) -> Result<TagModel, CaptureError> {
-        let mut problem = String::new();
+        let mut problem = TagProblem::Repeated;
         let mut exposure_s = LEARNING_REFRESHES / self.rig.projector.refresh_hz;
         for _ in 0..ATTEMPTS {
             match self.try_learn_tag(layout, any, longest_s, exposure_s)? {
                 Ok(model) => return Ok(model),
                 Err(reason) => problem = reason,
             }
-            exposure_s = (2.0 * exposure_s).min(longest_s).max(exposure_s);
+            if matches!(problem, TagProblem::Dim { .. }) {
+                exposure_s = (2.0 * exposure_s).min(longest_s).max(exposure_s);
+            }
         }
-        Err(CaptureError::NoTag { problem })
+        Err(CaptureError::NoTag { problem: problem.to_string() })
     }
 
     /// One attempt; the inner error says what did not fit together.
@@ -83,7 +85,7 @@ impl Acquisition<'_> {
         any: &Pattern,
         longest_s: f64,
         exposure_s: f64,
-    ) -> Result<Result<TagModel, String>, CaptureError> {
+    ) -> Result<Result<TagModel, TagProblem>, CaptureError> {
         self.latency_s = 0.0;
         self.restart(PROBE_FIRST)?;
         let level = self.find_tag_level(layout, longest_s)?;
@@ -96,6 +98,9 @@ impl Acquisition<'_> {
         let probes: Vec<Pattern> = codes.iter().map(|&code| layout.draw(&blank, code, level)).collect();
         self.load(&probes)?;
         let [first, check] = self.ends(layout, probes.len() - 1, exposure_s, longest_s)?;
+        if first.samples == check.samples {
+            return Ok(Err(TagProblem::Repeated));
+        }
         let exposure_s = first.exposure_s;
         self.latency_s = self.measure_latency(layout, [&first, &check])?;
         self.restart(LEARNING_FIRST)?;
@@ -113,15 +118,12 @@ impl Acquisition<'_> {
             }
         }
         if frames.len() < probes.len() - 1 {
-            return Ok(Err("the same frame comes again and again".into()));
+            return Ok(Err(TagProblem::Repeated));
         }
         Ok(TagModel::learn(layout.clone(), self.sensor, &frames).and_then(|model| {
             match model.judge(&model.read(&check), opposite, &[], 1.0) {
                 Verdict::Expected { .. } => Ok(model),
-                _ => {
-                    Err("its cells do not add up: the light is not steady, or the projector is late now and then"
-                        .into())
-                }
+                _ => Err(TagProblem::Unsteady),
             }
         }))
     }
@@ -220,7 +222,8 @@ impl Acquisition<'_> {
             let ends = [self.fresh(0, exposure_s, settle_s, None)?, self.fresh(other, exposure_s, settle_s, None)?];
             let [unlit, lit] = ends.each_ref().map(|frame| self.contrast(layout, frame));
             let noise = TagReading::of(layout, &self.sensor, &ends[0]).variance.iter().sum::<f64>().sqrt();
-            if CLEAR * (lit - unlit) > noise {
+            // Equal samples are a frame that came twice, which says nothing of how clear the change is.
+            if CLEAR * (lit - unlit) > noise || ends[0].samples == ends[1].samples {
                 return Ok(ends);
             }
             settle_s *= 2.0;

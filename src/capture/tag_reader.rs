@@ -1,5 +1,7 @@
 //! Reads the coded patch in camera frames: which frame of the sequence was lit while the shutter was open, and how bright.
 
+use thiserror::Error;
+
 use super::Frame;
 use crate::patterns::{Rect, TagLayout};
 use crate::radiometry::Sensor;
@@ -18,6 +20,36 @@ pub(super) const LIGHT_STEP: f64 = 0.01;
 const CROSSTALK_SIGMAS: f64 = 4.0;
 /// A bit must stand out of the noise of one frame by this much to be of use.
 const MIN_CONTRAST_SIGMAS: f64 = 8.0;
+
+/// Why the patch cannot be learned.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum TagProblem {
+    /// Samples reach the linear limit.
+    #[error("it saturates")]
+    Saturated,
+    /// A bit is too dim for the exposure.
+    #[error("bit {bit} changes by {change:.0} e-/s where noise is {noise:.0} e-/s")]
+    Dim {
+        /// Which one.
+        bit: usize,
+        /// By how much it changes, e-/s.
+        change: f64,
+        /// Standard error of that, e-/s.
+        noise: f64,
+    },
+    /// A bit reaches over to others.
+    #[error("bit {bit} cannot be told from its neighbours: it is out of focus")]
+    Blurred {
+        /// Which one.
+        bit: usize,
+    },
+    /// All cells together are not what each of them is.
+    #[error("its cells do not add up: the light is not steady, or the projector is late now and then")]
+    Unsteady,
+    /// New frames hold old samples.
+    #[error("the same frame comes again and again")]
+    Repeated,
+}
 
 /// Contrast of every bit of the patch in one frame, electrons per second, with variances.
 #[derive(Debug, Clone, PartialEq)]
@@ -94,12 +126,12 @@ impl TagModel {
     /// Learns from a frame of code 0 and one of each code with a single bit set, in the order of the bits.
     ///
     /// # Errors
-    /// What is wrong with the patch, in words.
-    pub fn learn(layout: TagLayout, sensor: Sensor, frames: &[Frame]) -> Result<Self, String> {
+    /// [`TagProblem`].
+    pub fn learn(layout: TagLayout, sensor: Sensor, frames: &[Frame]) -> Result<Self, TagProblem> {
         let readings: Vec<TagReading> = frames.iter().map(|f| TagReading::of(&layout, &sensor, f)).collect();
         assert_eq!(readings.len(), layout.bits().len() + 1, "one frame for each bit, and one for code 0");
         if readings.iter().any(|r| f64::from(r.brightest_dn) >= sensor.limit_dn) {
-            return Err("it saturates".into());
+            return Err(TagProblem::Saturated);
         }
         let (base, columns) = model(&readings);
         for (i, column) in columns.iter().enumerate() {
@@ -108,10 +140,10 @@ impl TagModel {
             let clear = column[i] > MIN_CONTRAST_SIGMAS * noise;
             let own = column.iter().enumerate().all(|(j, x)| j == i || x.abs() < 0.5 * column[i]);
             if !clear {
-                return Err(format!("bit {i} changes by {:.0} e-/s where noise is {noise:.0} e-/s", column[i]));
+                return Err(TagProblem::Dim { bit: i, change: column[i], noise });
             }
             if !own {
-                return Err(format!("bit {i} cannot be told from its neighbours: it is out of focus"));
+                return Err(TagProblem::Blurred { bit: i });
             }
         }
         Ok(Self { layout, sensor, base, columns })

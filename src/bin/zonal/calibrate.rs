@@ -1,5 +1,6 @@
 //! `zonal calibrate`.
 
+use std::collections::BTreeMap;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -10,7 +11,7 @@ use serde_json::json;
 use zonal::calibrate::{
     Acceptance, CameraFigures, DeviceAlignment, Devices, EmvaDescription, Folder, Header, Kind as Part, Known,
     NoiseFigures, Origin, Reference, RigMap, align, black_trap, colour, flat_field, gray_card, gray_card_plan,
-    linearity, map, noise, response,
+    in_order, linearity, map, noise, response,
 };
 use zonal::capture::{Placement, SensorMaps};
 use zonal::optics::Rig;
@@ -102,7 +103,7 @@ struct Job<'a> {
     measured: Rig,
     camera: Option<(Header, CameraFigures)>,
     sensor: Option<SensorMaps>,
-    map: Option<RigMap>,
+    map: Option<(Header, RigMap)>,
     origin: Origin,
 }
 
@@ -152,7 +153,7 @@ impl<'a> Job<'a> {
         let files = Folder { path: &args.out, rig: &rig, accept };
         let camera = files.if_there(Part::Camera, Folder::read_camera).transpose()?;
         let sensor = files.if_there(Part::CameraMaps, Folder::read_maps).transpose()?.map(|(_, sensor)| sensor);
-        let map = files.if_there(Part::Map, Folder::read_map).transpose()?.map(|(_, map)| map);
+        let map = files.if_there(Part::Map, Folder::read_map).transpose()?;
         let measured = camera.as_ref().map_or_else(|| rig.clone(), |(_, camera)| camera.of_rig(&rig));
         Ok(Self { args, rig, measured, camera, sensor, map, origin })
     }
@@ -241,7 +242,7 @@ impl<'a> Job<'a> {
     }
 
     fn flat_field(&self, bench: &mut TwinBench) -> anyhow::Result<Report> {
-        let flat = flat_field(&self.measured, bench, self.map.as_ref())?;
+        let flat = flat_field(&self.measured, bench, self.map.as_ref().map(|(_, map)| map))?;
         self.write(|f| f.write_flat_field(&self.header(Part::FlatField), &flat))?;
         let darkest = flat.values.iter().copied().fold(1.0f32, f32::min);
         let text = format!("darkest pixel {darkest:.3} of the brightest");
@@ -249,11 +250,11 @@ impl<'a> Job<'a> {
     }
 
     fn gray_card(&self, mut bench: TwinBench) -> anyhow::Result<Report> {
-        let trap = self.files().if_there(Part::BlackTrap, Folder::read_black_trap).transpose()?.map(|(_, trap)| trap);
+        let trap = self.files().if_there(Part::BlackTrap, Folder::read_black_trap).transpose()?;
         let reference = reference(self.args)?;
         bench = bench.with_card(reference.brdf() as Arc<dyn Brdf>);
         let mut plan = gray_card_plan(&self.rig);
-        if let Some(trap) = &trap {
+        if let Some((_, trap)) = &trap {
             plan.exitant = Exitant { rings: trap.grid.rings(), sectors: trap.grid.sectors() };
         }
         let (scale, check) = self.zonal(trap.as_ref(), |known| {
@@ -296,13 +297,19 @@ impl<'a> Job<'a> {
     /// Runs what needs the projector's calibrations.
     fn zonal<T>(
         &self,
-        trap: Option<&Coefficients>,
+        trap: Option<&(Header, Coefficients)>,
         measure: impl FnOnce(Known<'_>) -> anyhow::Result<T>,
     ) -> anyhow::Result<T> {
         let needs = "this needs `zonal calibrate response` and `flat-field` in the same --out first";
-        let (_, (response, _)) = self.files().read_response().context(needs)?;
-        let (_, flat) = self.files().read_flat_field().context(needs)?;
-        let (sensor, map) = (self.sensor.as_ref(), self.map.as_ref());
+        let (of_response, (response, _)) = self.files().read_response().context(needs)?;
+        let (of_flat, flat) = self.files().read_flat_field().context(needs)?;
+        let mut headers = BTreeMap::from([(Part::Response, of_response), (Part::FlatField, of_flat)]);
+        headers.extend(self.camera.iter().map(|(header, _)| (Part::Camera, header.clone())));
+        headers.extend(self.map.iter().map(|(header, _)| (Part::Map, header.clone())));
+        headers.extend(trap.map(|(header, _)| (Part::BlackTrap, header.clone())));
+        in_order(&self.args.out, &headers)?;
+        let (trap, map) = (trap.map(|(_, trap)| trap), self.map.as_ref().map(|(_, map)| map));
+        let sensor = self.sensor.as_ref();
         measure(Known { response: &response, flat: &flat, sensor, trap, map })
     }
 
