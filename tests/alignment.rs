@@ -72,6 +72,7 @@ fn assert_aligned(found: &AxisAlignment, truth: &Misalignment) {
 }
 
 #[test]
+#[cfg_attr(not(feature = "thorough"), ignore = "takes long: --features thorough")]
 fn crosses_tell_where_devices_stand() {
     // Other directions than `everything` has.
     let m = Misalignment {
@@ -147,6 +148,7 @@ fn the_default_rig_is_mapped() {
 }
 
 #[test]
+#[cfg_attr(not(feature = "thorough"), ignore = "takes long: --features thorough")]
 fn a_rig_with_everything_out_of_place_is_mapped() {
     assert_mapped(everything(), 2);
 }
@@ -165,6 +167,7 @@ const ALPHA: f64 = 0.01;
 
 /// Sharp lobes at a low order live from the zone's edges: without its map a misaligned rig gets them wrong.
 #[test]
+#[cfg_attr(not(feature = "thorough"), ignore = "takes long: --features thorough")]
 fn a_misaligned_rig_with_its_map_measures_sharp_lobes() {
     let mut rig = coarse();
     let config = TwinConfig { perturbation: everything(), ..TwinConfig::pinhole(3) };

@@ -13,6 +13,7 @@ const COVERAGE: std::ops::RangeInclusive<f64> = 0.86..=1.0;
 const SPREAD: std::ops::Range<f64> = 0.64..1.36;
 
 #[test]
+#[cfg_attr(not(feature = "thorough"), ignore = "takes long: --features thorough")]
 fn intervals_of_the_albedo_hold_the_truth() {
     let found = coverage(DRAWS);
     for c in 0..3 {

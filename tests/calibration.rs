@@ -38,6 +38,7 @@ fn known(set: &CalibrationSet) -> Known<'_> {
 const WITH_TRAP: f64 = 5e-3;
 
 #[test]
+#[cfg_attr(not(feature = "thorough"), ignore = "takes long: --features thorough")]
 fn stray_light_is_taken_off() {
     let config = TwinConfig { stray_share: 0.01, ..TwinConfig::pinhole(3) };
     let mut set = common::calibrated(&FINER, &config);
@@ -70,6 +71,7 @@ const DARK_NOISE: f64 = 0.1;
 const RANGE: f64 = 0.02;
 
 #[test]
+#[cfg_attr(not(feature = "thorough"), ignore = "takes long: --features thorough")]
 fn the_camera_is_found_again() {
     let truth = SensorTruth {
         gain: 1.12,
@@ -156,6 +158,7 @@ fn colours_of_the_projector_come_back() {
 const REFERENCE: f64 = 5e-3;
 
 #[test]
+#[cfg_attr(not(feature = "thorough"), ignore = "takes long: --features thorough")]
 fn a_reference_that_shines_sets_the_same_scale() {
     let coated = Arc::new(Ggx::isotropic(0.4, [0.05; 3]).on_lambert(1.0, [0.18; 3]));
     let config = quiet();

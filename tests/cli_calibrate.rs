@@ -89,6 +89,7 @@ fn desk() -> Desk {
 }
 
 #[test]
+#[cfg_attr(not(feature = "thorough"), ignore = "takes long: --features thorough")]
 fn all_kinds_serve_one_measurement() {
     let desk = desk();
     let noise = desk.json(&format!("calibrate noise {CALIBRATE}"));

@@ -90,6 +90,7 @@ fn pulls(a: &Coefficients, b: &Coefficients) -> f64 {
 }
 
 #[test]
+#[cfg_attr(not(feature = "thorough"), ignore = "takes long: --features thorough")]
 fn a_failed_sample_does_not_keep_the_others() {
     let list: Value =
         serde_json::from_str(&std::fs::read_to_string(BENCH.path().join("out/batch.json")).unwrap()).unwrap();
@@ -107,6 +108,7 @@ fn a_failed_sample_does_not_keep_the_others() {
 }
 
 #[test]
+#[cfg_attr(not(feature = "thorough"), ignore = "takes long: --features thorough")]
 fn a_batch_goes_on_where_it_stopped() {
     // The others are found complete; the missing material is still missing.
     let folder = tempfile::tempdir().unwrap();
@@ -143,6 +145,7 @@ fn copy(from: &Path, to: &Path) {
 const WITHIN_NOISE: f64 = 2.0;
 
 #[test]
+#[cfg_attr(not(feature = "thorough"), ignore = "takes long: --features thorough")]
 fn merged_remounts_agree_with_the_sample_at_zero() {
     let folder = tempfile::tempdir().unwrap();
     for (name, runs) in
@@ -175,6 +178,7 @@ fn merged_remounts_agree_with_the_sample_at_zero() {
 }
 
 #[test]
+#[cfg_attr(not(feature = "thorough"), ignore = "takes long: --features thorough")]
 fn budgets_are_told_and_taken_on() {
     let said = json(&["budget", &run("plain")]);
     let budget = &said["budget"];
@@ -205,6 +209,7 @@ fn budgets_are_told_and_taken_on() {
 }
 
 #[test]
+#[cfg_attr(not(feature = "thorough"), ignore = "takes long: --features thorough")]
 fn a_lamp_out_of_control_is_flagged() {
     // One run of the card, its record and coefficients copied with the scatter of a season.
     let folder = tempfile::tempdir().unwrap();

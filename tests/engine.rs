@@ -227,7 +227,7 @@ fn shuffled(frames: usize, free_running: bool) {
 }
 
 /// All ten thousand with the other thorough tests, a tenth always.
-const FRAMES: usize = if cfg!(feature = "peers") { 10_000 } else { 1_000 };
+const FRAMES: usize = if cfg!(feature = "thorough") { 10_000 } else { 1_000 };
 
 #[test]
 fn of_ten_thousand_shuffled_frames_none_is_stale() {

@@ -76,6 +76,7 @@ fn least(rates: &[[f64; 2]], weights: &[f64], gain: f64, limit: f64) -> usize {
 }
 
 #[test]
+#[cfg_attr(not(feature = "thorough"), ignore = "takes long: --features thorough")]
 fn six_materials_get_what_they_need() {
     let crop = Crop::of_zone(&COARSE);
     let plan = plan();

@@ -100,6 +100,7 @@ fn assert_measured(rig: &Rig, calibration: &CalibrationSet, material: &str, orde
 }
 
 #[test]
+#[cfg_attr(not(feature = "thorough"), ignore = "takes long: --features thorough")]
 fn isotropic_and_anisotropic_materials_are_measured() {
     for material in ["red-plastic", "ggx-0.1-0.4"] {
         assert_measured(&BUILT, &QUIET, material, 3);
@@ -107,6 +108,7 @@ fn isotropic_and_anisotropic_materials_are_measured() {
 }
 
 #[test]
+#[cfg_attr(not(feature = "thorough"), ignore = "takes long: --features thorough")]
 fn the_full_zone_and_a_monochrome_camera_are_measured() {
     let mut rig = common::rig("ghosh-2007-full");
     rig.camera.mosaic = Mosaic::Mono;

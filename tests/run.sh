@@ -8,7 +8,7 @@ fail() {
     exit 1
 }
 
-features=peers
+features=peers,thorough
 if [[ -n ${ZONAL_CORPUS:-} ]]; then
     [[ -d $ZONAL_CORPUS ]] || fail "ZONAL_CORPUS=$ZONAL_CORPUS is not a folder: correct it or unset it"
     # Absolute, since tests run in the root of the package.

@@ -21,8 +21,8 @@ use crate::reflectance::{Brdf, Lambert};
 /// Pixels are integrated over this many samples along each side.
 const PIXEL_SAMPLES: usize = 2;
 
-/// Hash of the codes that reach the dome, and bits of the mean light that leaks.
-type Content = (u64, u64);
+/// Hash of the codes that reach the dome, and of their colour.
+type Content = u64;
 
 /// Patterns whose reflection is kept.
 const MAX_REFLECTED: usize = 1000;
@@ -36,6 +36,8 @@ pub(super) struct Scene {
     /// What [`Placement::GrayCard`] puts in place.
     pub card: Arc<dyn Brdf>,
     pub sensor: Sensor,
+    /// Relative light of every panel pixel.
+    vignetting: Vec<f64>,
     /// Panel pixels whose light goes into the zone; known only where there is stray light.
     lit_zone: Vec<usize>,
     placement: Placement,
@@ -51,6 +53,8 @@ pub(super) struct Scene {
     /// Electrons per second from the sample, of each pixel in `pixels`, for what has been shown of the dome since something
     /// was put in place.
     reflected: HashMap<Content, Vec<f32>>,
+    /// The same for each primary that shines evenly over the whole panel, as what leaks does: pixel * 3 + primary.
+    even: Option<Vec<f32>>,
     /// Sensor pixels that look past the mirrors at the coded patch: the panel's pixel they see, and what of it reaches them.
     border: Vec<(u32, u32, f32)>,
     /// Electrons per second of each sensor pixel for one pattern.
@@ -85,6 +89,8 @@ impl Scene {
             .collect();
         let border = border(rig, &projector, &camera);
         let sensor = Sensor::new(rig, &config);
+        let (w, h) = (rig.projector.width_px, rig.projector.height_px);
+        let vignetting = (0..w * h).map(|p| config.vignetting(p % w, p / w, w, h)).collect();
         let lit_zone = if config.stray_share == 0.0 { Vec::new() } else { lit_zone(rig) };
         let card = Arc::new(Lambert::gray(GRAY_CARD_ALBEDO * (1.0 + config.card_albedo_error_rel)));
         Self {
@@ -94,6 +100,7 @@ impl Scene {
             sample,
             card,
             sensor,
+            vignetting,
             lit_zone,
             placement: Placement::Sample,
             camera,
@@ -104,6 +111,7 @@ impl Scene {
             target: None,
             sequence: Vec::new(),
             reflected: HashMap::new(),
+            even: None,
             border,
             rates: None,
         }
@@ -152,6 +160,7 @@ impl Scene {
         self.placement = what;
         (self.target, self.rates) = (None, None);
         self.reflected.clear();
+        self.even = None;
     }
 
     /// Electrons per second in a green pixel for a unit of reflected radiance under white light.
@@ -169,12 +178,6 @@ impl Scene {
     fn code_lights(&self) -> [f64; 256] {
         let black = 1.0 / self.config.contrast;
         std::array::from_fn(|code| black + (1.0 - black) * self.config.response(code as u8))
-    }
-
-    /// Relative light of every panel pixel.
-    fn vignetting(&self) -> Vec<f64> {
-        let (w, h) = (self.rig.projector.width_px, self.rig.projector.height_px);
-        (0..w * h).map(|p| self.config.vignetting(p % w, p / w, w, h)).collect()
     }
 
     fn mean_light(&self, pattern: &Pattern) -> f64 {
@@ -204,19 +207,18 @@ impl Scene {
         for v in v0..v0 + height {
             pattern.codes[v * pattern.width + u0..][..width].hash(&mut hasher);
         }
-        (hasher.finish(), self.mean_light(pattern).to_bits())
+        hasher.finish()
     }
 
-    /// The light of some frames.
+    /// The light of some frames without what leaks, and of a panel that shines evenly.
     fn pattern_light(&self, frames: &[&Pattern]) -> PatternLight {
         let p = &self.rig.projector;
         let (origin, size) = self.dome_panel();
-        let means: Vec<f64> = frames.iter().map(|frame| self.mean_light(frame)).collect();
-        let (lights, vignetting) = (self.code_lights(), self.vignetting());
-        PatternLight::new(origin, size, frames.len(), |pattern, column, row| {
+        let (lights, vignetting) = (self.code_lights(), &self.vignetting);
+        PatternLight::new(origin, size, frames.len() + 1, |pattern, column, row| {
             let pixel = row * p.width_px + column;
-            let code = frames[pattern].codes[pixel];
-            (lights[usize::from(code)] * vignetting[pixel] + self.config.leakage * means[pattern]) as f32
+            let lit = |frame: &&Pattern| (lights[usize::from(frame.codes[pixel])] * vignetting[pixel]) as f32;
+            frames.get(pattern).map_or(1.0, lit)
         })
     }
 
@@ -245,8 +247,12 @@ impl Scene {
         if !self.reflected.contains_key(&content) {
             self.reflect();
         }
-        for ((i, _), rate) in self.pixels.iter().zip(&self.reflected[&content]) {
-            rates[*i] += rate;
+        let pattern = &self.sequence[shown];
+        let leaks = (self.config.leakage * self.mean_light(pattern)) as f32;
+        let leaking = [0, 1, 2].map(|p| if pattern.light.lights(p) { leaks } else { 0.0 });
+        let even = self.even.as_ref().expect("known with the first reflection").chunks_exact(3);
+        for (((i, _), rate), even) in self.pixels.iter().zip(&self.reflected[&content]).zip(even) {
+            rates[*i] += rate + even.iter().zip(leaking).map(|(e, l)| e * l).sum::<f32>();
         }
         rates
     }
@@ -255,7 +261,7 @@ impl Scene {
     fn add_border(&self, shown: usize, rates: &mut [f32]) {
         let pattern = &self.sequence[shown];
         let white = (self.lamp_e_s() * self.config.border_radiance) as f32;
-        let (lights, vignetting) = (self.code_lights().map(|l| l as f32), self.vignetting());
+        let (lights, vignetting) = (self.code_lights().map(|l| l as f32), &self.vignetting);
         let width = self.rig.camera.width_px;
         for &(i, pixel, reach) in &self.border {
             let (column, row) = (i as usize % width, i as usize / width);
@@ -272,7 +278,7 @@ impl Scene {
 
     /// Mean light of a pattern over the panel's lit zone, in units of white.
     fn zone_light(&self, pattern: &Pattern) -> f64 {
-        let (lights, vignetting) = (self.code_lights(), self.vignetting());
+        let (lights, vignetting) = (self.code_lights(), &self.vignetting);
         let light = |&p: &usize| lights[usize::from(pattern.codes[p])] * vignetting[p];
         self.lit_zone.iter().map(light).sum::<f64>() / self.lit_zone.len().max(1) as f64
     }
@@ -321,8 +327,11 @@ impl Scene {
         let lamp = self.lamp_e_s() / (PIXEL_SAMPLES * PIXEL_SAMPLES) as f64;
         let width = self.rig.camera.width_px;
         let patterns = new.len();
-        let mut reflected = vec![0.0; self.pixels.len() * patterns];
-        reflected.par_chunks_mut(patterns).zip(&self.pixels).for_each(|(row, (i, directions))| {
+        // For each pixel the patterns, then the three primaries of an even panel.
+        let columns = patterns + 3;
+        let mut reflected = vec![0.0; self.pixels.len() * columns];
+        reflected.par_chunks_mut(columns).zip(&self.pixels).for_each(|(row, (i, directions))| {
+            let mut lit = vec![0.0f32; frames.len() + 1];
             let (column, line) = (i % width, i / width);
             let channels = self.rig.camera.mosaic.channels(column, line);
             let falloff = self.natural_falloff(self.camera.lens(), column, line);
@@ -331,11 +340,14 @@ impl Scene {
                     let gain = self.config.channel_gains[c] / channels.len() as f64;
                     for (p, share) in self.config.crosstalk[c].iter().enumerate().filter(|(_, share)| **share != 0.0) {
                         let scale = lamp * falloff * gain * share;
-                        if coloured {
-                            add_coloured(&field, wo, p, scale, &new, row);
-                        } else {
-                            field.add_radiance(wo, p, scale, row);
+                        lit.fill(0.0);
+                        field.add_radiance(wo, p, scale, &mut lit);
+                        let lights = new.iter().map(|pattern| pattern.light.lights(p));
+                        for ((sum, lights), j) in row.iter_mut().zip(lights).zip(0..) {
+                            // The black frame comes after the new ones.
+                            *sum += lit[if lights { j } else { patterns }];
                         }
+                        row[patterns + p] += lit[frames.len()];
                     }
                 }
             }
@@ -344,8 +356,9 @@ impl Scene {
             self.reflected.clear();
         }
         for (j, (content, _)) in contents.into_iter().enumerate() {
-            self.reflected.insert(content, reflected.iter().skip(j).step_by(patterns).copied().collect());
+            self.reflected.insert(content, reflected.iter().skip(j).step_by(columns).copied().collect());
         }
+        self.even = Some(reflected.chunks_exact(columns).flat_map(|row| &row[patterns..]).copied().collect());
     }
 
     /// What replaces the sample for `calibrate align` and `calibrate map`.
@@ -358,9 +371,9 @@ impl Scene {
         });
         let pattern = &self.sequence[shown];
         let mean = self.mean_light(pattern);
-        let (lights, vignetting, lamp) = (self.code_lights(), self.vignetting(), self.lamp_e_s());
+        let (lights, vignetting, lamp) = (self.code_lights(), &self.vignetting, self.lamp_e_s());
         let shines = |(&code, v): (&u8, &f64)| lights[usize::from(code)] * v + self.config.leakage * mean;
-        let light: Vec<f64> = pattern.codes.iter().zip(&vignetting).map(shines).collect();
+        let light: Vec<f64> = pattern.codes.iter().zip(vignetting).map(shines).collect();
         let width = self.rig.camera.width_px;
         target.image(&scene, &light, |pixel, radiance| {
             let (column, row) = (pixel % width, pixel / width);
@@ -382,7 +395,7 @@ impl Scene {
         let pattern = &self.sequence[shown];
         let mean = self.mean_light(pattern);
         let white = self.lamp_e_s() * self.gray_card_radiance();
-        let (lights, vignetting) = (self.code_lights(), self.vignetting());
+        let (lights, vignetting) = (self.code_lights(), &self.vignetting);
         let height = self.rig.centre_height_mm - p.focus_mm;
         for (i, rate) in rates.iter_mut().enumerate() {
             let (column, row) = (i % width, i / width);
@@ -430,23 +443,6 @@ impl Scene {
             self.rates = Some((*shown, rates));
         }
         samples
-    }
-}
-
-/// Adds the light of one primary, which in patterns without it is that of the black frame at the end of `field`.
-fn add_coloured(
-    field: &ResponseField,
-    wo: &Direction<Sample>,
-    primary: usize,
-    scale: f64,
-    patterns: &[&Pattern],
-    row: &mut [f32],
-) {
-    let black = row.len();
-    let mut all = vec![0.0; black + 1];
-    field.add_radiance(wo, primary, scale, &mut all);
-    for ((sum, &lit), pattern) in row.iter_mut().zip(&all).zip(patterns) {
-        *sum += if pattern.light.lights(primary) { lit } else { all[black] };
     }
 }
 

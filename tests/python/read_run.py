@@ -97,10 +97,13 @@ def check_folder(run):
     check(np.isclose(sum(items.values()), record["rig_s"]), f"run.json: {items} do not add up to {record['rig_s']}")
 
     journal = [json.loads(line) for line in (run / "journal.jsonl").read_text().splitlines()]
-    check(len(journal) == record["frames"], f"journal.jsonl: {len(journal)} lines for {record['frames']} frames")
-    check([entry["index"] for entry in journal] == list(range(len(journal))), "journal.jsonl: indices")
-    keys = {"index", "repeat", "lobe", "exposure_s", "sequence", "timestamp_s"}
-    check(all(set(entry) == keys for entry in journal), f"journal.jsonl: keys are not {keys}")
+    check(journal[0]["event"] == "prepared", f"journal.jsonl begins with {journal[0]}")
+    frames = [entry for entry in journal if entry["event"] == "frame"]
+    check(len(frames) == record["frames"], f"journal.jsonl: {len(frames)} frames, run.json says {record['frames']}")
+    check([entry["index"] for entry in frames] == list(range(len(frames))), "journal.jsonl: indices")
+    keys = {"event", "index", "repeat", "lobe", "exposure", "exposure_s", "gain", "sequence", "timestamp_s"}
+    keys |= {"light", "light_reading"}
+    check(all(set(entry) == keys for entry in frames), f"journal.jsonl: keys are {sorted(frames[0])}")
 
     responses = sorted((run / "responses").iterdir())
     check(len(responses) == record["images"], f"{len(responses)} responses for {record['images']} images")
