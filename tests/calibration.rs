@@ -5,8 +5,8 @@ mod common;
 use std::sync::{Arc, LazyLock};
 
 use zonal::calibrate::{
-    Acceptance, CalibrationSet, Devices, GRAY_CARD_ALBEDO, GrayCardCheck, Known, Origin, Reference, black_trap, colour,
-    fingerprint, gray_card, gray_card_plan, noise,
+    Acceptance, CalibrationSet, CameraFigures, Devices, GRAY_CARD_ALBEDO, GrayCardCheck, Known, Origin, Reference,
+    ResponseMethod, black_trap, camera_codes, colour, fingerprint, gray_card, gray_card_plan, noise,
 };
 use zonal::optics::Rig;
 use zonal::patterns::Plan;
@@ -83,6 +83,7 @@ fn the_camera_is_found_again() {
         dsnu_e: 2.0,
         prnu_rel: 0.005,
         seed: 7,
+        ..SensorTruth::default()
     };
     let config = TwinConfig { sensor: truth, ..TwinConfig::pinhole(5) };
     let mut bench = TwinBench::new(&FINER, config.clone(), open("gray-card").unwrap());
@@ -116,6 +117,44 @@ fn the_camera_is_found_again() {
     let measured = common::run(&FINER, &gray_card_plan(&FINER), &config, &set, open("gray-card").unwrap());
     let check = GrayCardCheck::new(&measured.coefficients, GRAY_CARD_ALBEDO);
     assert!(check.worst_error < WITH_TRAP, "{check:?}");
+}
+
+/// Relative, of what a code means, which is 0.9% of it at mid-gray; Robertson's curve is not smooth.
+const CODE: f64 = 0.02;
+const ROUGH_CODE: f64 = 0.06;
+/// Of z_00: what is left of the curve's errors, and black levels of codes as coarse as noise.
+const OF_CODES: f64 = 0.01;
+
+#[test]
+#[cfg_attr(not(feature = "thorough"), ignore = "takes long: --features thorough")]
+fn a_camera_of_codes_is_made_linear() {
+    let truth = SensorTruth { gamma: 2.2, ..SensorTruth::default() };
+    let config = TwinConfig { sensor: truth, ..TwinConfig::pinhole(6) };
+    let mut bench = TwinBench::new(&FINER, config.clone(), open("gray-card").unwrap());
+    let c = &FINER.camera;
+    let light = |code: usize| f64::from(c.white_dn()) * (code as f64 / 255.0).powf(2.2) - c.black_level_dn;
+    for (method, most) in [(ResponseMethod::Robertson, ROUGH_CODE), (ResponseMethod::Debevec, CODE)] {
+        let codes = camera_codes(&FINER, &mut bench, method).unwrap();
+        let off = |z: usize| (codes[z] / codes[128] * light(128) / light(z) - 1.0).abs();
+        let worst = (48..=240).map(off).fold(0.0, f64::max);
+        eprintln!("{method:?}: codes 48..=240 off by {:.2}% at most", 100.0 * worst);
+        assert!(worst < most, "{method:?}: {worst}");
+        if method == ResponseMethod::Debevec {
+            let figures = CameraFigures { codes: Some(codes), ..CameraFigures::default() };
+            let (mut measured, sensor) = noise(&figures.of_rig(&FINER), &mut bench).unwrap();
+            measured.codes = figures.codes;
+            let mut set = CalibrationSet::make(&measured.of_rig(&FINER), &mut bench, None, &mut |_, _| ()).unwrap();
+            (set.camera, set.sensor) = (Some(measured), Some(sensor));
+            let run = common::run(&FINER, &gray_card_plan(&FINER), &config, &set, open("gray-card").unwrap());
+            let check = GrayCardCheck::new(&run.coefficients, GRAY_CARD_ALBEDO);
+            eprintln!("gray card off by {:.3}%", 100.0 * check.worst_error);
+            assert!(check.worst_error < OF_CODES, "{check:?}");
+        }
+    }
+    // One whose samples are linear is told so.
+    let mut linear = TwinBench::new(&FINER, TwinConfig::pinhole(6), open("gray-card").unwrap());
+    let told = camera_codes(&FINER, &mut linear, ResponseMethod::Debevec).unwrap_err().to_string();
+    assert!(told.contains("zonal calibrate linearity"), "{told}");
 }
 
 /// Of the albedo, in the projector's colours.

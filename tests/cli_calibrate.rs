@@ -138,6 +138,8 @@ fn references_are_files_or_materials() {
     desk.refused(&format!("calibrate gray-card {CALIBRATE} --reference gry-card"), &["gray-card"]);
     desk.refused(&format!("calibrate gray-card {CALIBRATE} --albedo 1.5"), &["--albedo 1.5", "at most 1"]);
     desk.refused(&format!("calibrate response {CALIBRATE} --albedo 0.5"), &["--albedo", "leave it out"]);
+    desk.refused(&format!("calibrate response {CALIBRATE} --method debevec"), &["--method", "leave it out"]);
+    desk.refused(&format!("calibrate camera-response {CALIBRATE}"), &["256 codes", "zonal calibrate linearity"]);
     desk.refused(&format!("calibrate gray-card {CALIBRATE} --plan @plan.toml"), &["--plan", "leave it out"]);
 }
 

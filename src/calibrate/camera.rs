@@ -6,7 +6,9 @@ use super::CalibrateError;
 use crate::capture::{Bench, Crop, Placement, SensorMaps, capture_frames, capture_sequence};
 use crate::optics::Rig;
 use crate::patterns::{Pattern, Plan, Timing};
-use crate::radiometry::{DarkMaps, Level, LinearRange, MIN_STACK, PairMoments, PhotonTransfer, TransferError};
+use crate::radiometry::{
+    CameraResponse, DarkMaps, Level, LinearRange, MIN_STACK, PairMoments, PhotonTransfer, TransferError,
+};
 
 /// Codes tried, brightest first, until saturation takes long enough for fine steps.
 const CODES: [u8; 6] = [255, 180, 128, 90, 64, 45];
@@ -20,8 +22,10 @@ const ATTEMPTS: usize = 3;
 const PIXELS: usize = 16384;
 /// The most equal of those, from which the linear range is found: they saturate together.
 const EQUAL: usize = 2048;
-/// Deviation from a line at which the linear range ends.
+/// Deviation from a line at which the linear range ends...
 const DEVIATION: f64 = 0.005;
+/// ... of codes made linear, which are coarse and known to a percent or two.
+const DEVIATION_OF_CODES: f64 = 0.03;
 /// Share of the linear range that is used: single samples scatter about the mean that was judged.
 const USED: f64 = 0.995;
 /// Standard deviations of all pixels beyond which one is hot.
@@ -37,6 +41,10 @@ pub struct CameraFigures {
     pub noise: Option<NoiseFigures>,
     /// Where the response leaves its line, over exposure times.
     pub linear_range: Option<LinearRange>,
+    /// Exposures of the codes of a camera that is not linear, 256, relative to that of code 128. The other figures are then
+    /// those of samples made linear.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub codes: Option<Vec<f64>>,
 }
 
 /// Figures after EMVA 1288.
@@ -70,6 +78,12 @@ impl CameraFigures {
     pub fn of_rig(&self, rig: &Rig) -> Rig {
         let mut rig = rig.clone();
         let camera = &mut rig.camera;
+        if let Some(response) = self.codes.clone().and_then(CameraResponse::from_exposures) {
+            let white_dn = f64::from(camera.white_dn());
+            camera.codes_dn = Some(response.levels_dn(camera.black_level_dn, white_dn).into());
+            // Nothing is known beyond the last code.
+            camera.linear_limit_dn = camera.linear_limit_dn.min(white_dn);
+        }
         if let Some(noise) = &self.noise {
             let PhotonTransfer { gain_dn_per_e, dark_noise_e, .. } = noise.transfer;
             (camera.gain_dn_per_e, camera.dark_noise_e) = (gain_dn_per_e, dark_noise_e);
@@ -93,6 +107,10 @@ impl CameraFigures {
             [t.gain_dn_per_e, t.dark_noise_e, n.saturation_dn - n.black_level_dn].iter().all(|x| *x > 0.0)
         });
         let range = self.linear_range.as_ref().is_none_or(|r| r.end_dn > r.black_level_dn && r.slope_dn_per_s > 0.0);
+        let codes = self.codes.clone().is_none_or(|codes| CameraResponse::from_exposures(codes).is_some());
+        if !codes {
+            return Err("`codes` are not 256 rising exposures: calibrate again");
+        }
         if noise && range { Ok(()) } else { Err("gain, dark noise or range is not positive: calibrate again") }
     }
 }
@@ -109,7 +127,7 @@ pub fn noise(rig: &Rig, bench: &mut dyn Bench) -> Result<(CameraFigures, SensorM
     black.sort_by(f32::total_cmp);
     let (levels, range) = series(rig, bench)?;
     let noise = NoiseFigures::of(&levels, Some(f64::from(black[black.len() / 2])))?;
-    Ok((CameraFigures { noise: Some(noise), linear_range: Some(range) }, maps))
+    Ok((CameraFigures { noise: Some(noise), linear_range: Some(range), codes: None }, maps))
 }
 
 /// The linear range alone.
@@ -160,7 +178,8 @@ fn series(rig: &Rig, bench: &mut dyn Bench) -> Result<(Vec<Level>, LinearRange),
     let mut attempt = 1;
     loop {
         let (levels, points) = levels(rig, bench, code, &steps(refreshes), &pixels)?;
-        let range = LinearRange::of(&points, DEVIATION)?;
+        let deviation = if rig.camera.codes_dn.is_some() { DEVIATION_OF_CODES } else { DEVIATION };
+        let range = LinearRange::of(&points, deviation)?;
         if range.ends || attempt == ATTEMPTS {
             return Ok((levels, range));
         }

@@ -46,9 +46,18 @@ impl Kind {
     pub fn made_with(self) -> &'static [Self] {
         match self {
             Kind::FlatField => &[Kind::Map],
+            Kind::CameraMaps => &[Kind::Camera],
             Kind::BlackTrap => &[Kind::Camera, Kind::Response, Kind::FlatField, Kind::Map],
             Kind::GrayCard => &[Kind::Camera, Kind::Response, Kind::FlatField, Kind::Map, Kind::BlackTrap],
             _ => &[],
+        }
+    }
+
+    /// The command that makes it: a kind of `zonal calibrate`.
+    pub fn command(self) -> String {
+        match self {
+            Kind::Camera | Kind::CameraMaps => "noise".into(),
+            kind => kind.to_string(),
         }
     }
 

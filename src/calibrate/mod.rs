@@ -2,6 +2,7 @@
 
 mod align;
 mod camera;
+mod camera_codes;
 mod colour;
 mod crosses;
 mod emva;
@@ -20,13 +21,14 @@ use thiserror::Error;
 
 use crate::basis::OrderError;
 use crate::capture::CaptureError;
-use crate::radiometry::{ColourError, LinearityError, ResponseError, TransferError};
+use crate::radiometry::{ColourError, LinearityError, ResponseError, StackError, TransferError};
 use crate::reduce::ReduceError;
 use crate::reflectance::MaterialError;
 use crate::store::StoreError;
 
 pub use align::{AxisAlignment, DeviceAlignment, align};
 pub use camera::{CameraFigures, NoiseFigures, linearity, noise};
+pub use camera_codes::{ResponseMethod, camera_codes};
 pub use colour::colour;
 pub use emva::{EmvaDescription, EmvaError, EmvaGroup};
 pub use files::Folder;
@@ -129,8 +131,9 @@ pub enum CalibrateError {
     },
     /// A calibration is too old.
     #[error(
-        "{path} is {age_days:.0} days old (made {date}), {max_age_days} are allowed: run `zonal calibrate {kind}` again, or \
-         raise --max-age-days"
+        "{path} is {age_days:.0} days old (made {date}), {max_age_days} are allowed: run `zonal calibrate {}` again, or \
+         raise --max-age-days",
+        kind.command()
     )]
     TooOld {
         /// The file.
@@ -145,7 +148,10 @@ pub enum CalibrateError {
         kind: Kind,
     },
     /// A calibration was made with files that have since been replaced.
-    #[error("{path} was made before {newer} beside it, with which it is measured: run `zonal calibrate {kind}` again")]
+    #[error(
+        "{path} was made before {newer} beside it, with which it is measured: run `zonal calibrate {}` again",
+        kind.command()
+    )]
     Outdated {
         /// The file.
         path: String,
@@ -163,6 +169,18 @@ pub enum CalibrateError {
     /// Light of three colours gives no matrix.
     #[error(transparent)]
     Colour(#[from] ColourError),
+    /// A camera of many codes needs no response.
+    #[error(
+        "the camera delivers samples up to {brightest}, more than the 256 codes of a camera that is not linear: leave this out, \
+         and see with `zonal calibrate linearity` how linear it is"
+    )]
+    ManyCodes {
+        /// Greatest sample.
+        brightest: u16,
+    },
+    /// Photographs show no response.
+    #[error(transparent)]
+    Stack(#[from] StackError),
     /// Frames give no figures of the camera.
     #[error(transparent)]
     Transfer(#[from] TransferError),

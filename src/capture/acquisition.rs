@@ -250,12 +250,17 @@ impl<'a> Acquisition<'a> {
     }
 
     fn receive_within(&mut self, timeout_s: f64) -> Result<Option<Frame>, CaptureError> {
-        let frame = self.timed(|a| a.camera.receive(timeout_s))?;
-        if let Some(frame) = &frame {
+        let mut frame = self.timed(|a| a.camera.receive(timeout_s))?;
+        if let Some(frame) = &mut frame {
             let (width, height) = (self.rig.camera.width_px, self.rig.camera.height_px);
             if (frame.width, frame.height) != (width, height) || frame.samples.len() != width * height {
                 let problem = format!("delivers {} x {} px, not {width} x {height}", frame.width, frame.height);
                 return Err(self.camera_cannot(problem, "correct camera.width_px and camera.height_px in the rig file"));
+            }
+            if let Some(codes_dn) = &self.rig.camera.codes_dn {
+                // From here on the camera is linear.
+                let last = codes_dn.len() - 1;
+                frame.samples.iter_mut().for_each(|s| *s = codes_dn[usize::from(*s).min(last)]);
             }
         }
         Ok(frame)

@@ -120,7 +120,9 @@ impl Acquisition<'_> {
         if frames.len() < probes.len() - 1 {
             return Ok(Err(TagProblem::Repeated));
         }
+        let codes = self.rig.camera.codes_dn.is_some();
         Ok(TagModel::learn(layout.clone(), self.sensor, &frames).and_then(|model| {
+            let model = if codes { model.of_codes() } else { model };
             match model.judge(&model.read(&check), opposite, &[], 1.0) {
                 Verdict::Expected { .. } => Ok(model),
                 _ => Err(TagProblem::Unsteady),

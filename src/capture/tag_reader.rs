@@ -8,12 +8,14 @@ use crate::radiometry::Sensor;
 
 /// A reading further than this many standard errors from what a code looks like is not that code.
 const SIGMAS: f64 = 6.0;
-/// ... beyond this share of its contrast, which a camera's last non-linearity may cost.
+/// ... beyond this share of its contrast, which a camera's last non-linearity may cost: of a linear one, ...
 const LINEARITY: f64 = 1e-3;
+/// ... and of one whose codes were made linear.
+const LINEARITY_OF_CODES: f64 = 0.02;
 /// Light of another pattern by this many standard errors is some...
 const MIXTURE_SIGMAS: f64 = 5.0;
-/// ... and by this share of the exposure, which a camera's last non-linearity may feign.
-const MIXTURE: f64 = 5e-4;
+/// ... and by this share of the exposure over the camera's non-linearity, which may feign it.
+const MIXTURE: f64 = 0.5;
 /// A lamp does not change by more between two frames; an exposure that was dark for a part of its time does.
 pub(super) const LIGHT_STEP: f64 = 0.01;
 /// Crosstalk between bits below this many standard errors is noise, and taken for none.
@@ -97,6 +99,8 @@ pub struct TagModel {
     base: TagReading,
     /// What a bit that is set adds to every contrast.
     columns: Vec<Vec<f64>>,
+    /// Relative deviation of the camera from a straight line.
+    linearity: f64,
 }
 
 /// What a frame shows.
@@ -146,7 +150,12 @@ impl TagModel {
                 return Err(TagProblem::Blurred { bit: i });
             }
         }
-        Ok(Self { layout, sensor, base, columns })
+        Ok(Self { layout, sensor, base, columns, linearity: LINEARITY })
+    }
+
+    /// The same for a camera whose codes were made linear: less is asked of contrasts, and less believed of the lamp.
+    pub fn of_codes(self) -> Self {
+        Self { linearity: LINEARITY_OF_CODES, ..self }
     }
 
     /// Reads a frame.
@@ -195,15 +204,19 @@ impl TagModel {
             information += e * e / v;
             sum += e * r / v;
         }
-        let (seen, sigma) = (sum / information, information.sqrt().recip());
+        let mut sigma = information.sqrt().recip();
+        let seen = sum / information;
+        if self.linearity > LINEARITY {
+            sigma = sigma.hypot(self.linearity);
+        }
         let fits = expected
             .iter()
             .zip(&reading.contrast)
             .zip(&variance)
-            .all(|((e, r), v)| (r - seen * e).abs() <= SIGMAS * v.sqrt() + LINEARITY * e.abs());
+            .all(|((e, r), v)| (r - seen * e).abs() <= SIGMAS * v.sqrt() + self.linearity * e.abs());
         let pure = others.iter().filter(|&&other| other != code).all(|&other| {
             let (share, sigma) = share_of(&self.contrast(other), &expected, &reading.contrast, &variance);
-            share <= MIXTURE_SIGMAS * sigma + MIXTURE
+            share <= MIXTURE_SIGMAS * sigma + MIXTURE * self.linearity
         });
         let readable = information.is_finite() && information > 0.0;
         let steady = (seen / light - 1.0).abs() <= LIGHT_STEP + SIGMAS * sigma;

@@ -1,5 +1,7 @@
 //! The rig file: what the instrument is made of, with units in every key.
 
+use std::sync::Arc;
+
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -261,6 +263,10 @@ pub struct Camera {
     /// Time from the end of an exposure to the frame's delivery, in which no other can begin, s.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub readout_s: f64,
+    /// What each code of a camera that is not linear stands for, DN, from code 0 on; samples are DN where there is none. It is
+    /// calibrated and no part of a rig file.
+    #[serde(skip)]
+    pub codes_dn: Option<Arc<[u16]>>,
 }
 
 /// Projector: lens, panel and timing.

@@ -197,6 +197,18 @@ impl CameraResponse {
         Ok(Self { exposures })
     }
 
+    /// A response from the exposures of all 256 codes; `None` if they do not rise or the first is below 0.
+    pub fn from_exposures(exposures: Vec<f64>) -> Option<Self> {
+        let rising = exposures.windows(2).all(|e| e[0] <= e[1]) && exposures.iter().all(|e| e.is_finite() && *e >= 0.0);
+        (rising && exposures.len() == CODES && exposures[0] < exposures[CODES - 1]).then_some(Self { exposures })
+    }
+
+    /// Samples of a linear camera that mean the same: code 255 is `white_dn`, no light `black_dn`.
+    pub fn levels_dn(&self, black_dn: f64, white_dn: f64) -> Vec<u16> {
+        let white = self.exposures[CODES - 1];
+        self.exposures.iter().map(|e| (black_dn + e / white * (white_dn - black_dn)).round() as u16).collect()
+    }
+
     /// Exposure of a code, 1 for code 128.
     pub fn exposure(&self, code: u8) -> f64 {
         self.exposures[usize::from(code)]

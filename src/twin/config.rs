@@ -77,6 +77,8 @@ pub struct SensorTruth {
     pub dsnu_e: f64,
     /// Relative standard deviation of the response between pixels.
     pub prnu_rel: f64,
+    /// Exponent of the response: 1 delivers samples in proportion to light, others codes of 8 bits, 255 (DN / white)^(1 / gamma).
+    pub gamma: f64,
     /// Seed of the differences between pixels, which stay when the noise changes.
     pub seed: u64,
 }
@@ -93,6 +95,7 @@ impl Default for SensorTruth {
             hot_e_s: 0.0,
             dsnu_e: 0.0,
             prnu_rel: 0.0,
+            gamma: 1.0,
             seed: 0,
         }
     }

@@ -20,6 +20,7 @@ pub(super) struct Sensor {
     ambient: f32,
     seed: u64,
     noise: bool,
+    gamma: f32,
     pixels: Option<Pixels>,
 }
 
@@ -37,6 +38,7 @@ impl Sensor {
             ambient: config.ambient_e_s as f32,
             seed: config.seed,
             noise: config.noise,
+            gamma: truth.gamma as f32,
             pixels: Pixels::new(truth, c.width_px * c.height_px),
         }
     }
@@ -70,7 +72,9 @@ impl Sensor {
                     0.0
                 };
                 let electrons = (mean + noise + offset).min(self.well);
-                *sample = (self.black + self.gain * electrons + 0.5).clamp(0.0, self.white) as u16;
+                let dn = (self.black + self.gain * electrons).clamp(0.0, self.white);
+                let code = if self.gamma == 1.0 { dn } else { 255.0 * (dn / self.white).powf(self.gamma.recip()) };
+                *sample = (code + 0.5).min(self.white) as u16;
             }
         });
         samples

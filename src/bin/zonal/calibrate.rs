@@ -10,8 +10,8 @@ use clap::ValueEnum;
 use serde_json::json;
 use zonal::calibrate::{
     Acceptance, CameraFigures, DeviceAlignment, Devices, EmvaDescription, Folder, Header, Kind as Part, Known,
-    NoiseFigures, Origin, Reference, RigMap, align, black_trap, colour, flat_field, gray_card, gray_card_plan,
-    in_order, linearity, map, noise, response,
+    NoiseFigures, Origin, Reference, ResponseMethod, RigMap, align, black_trap, camera_codes, colour, flat_field,
+    gray_card, gray_card_plan, in_order, linearity, map, noise, response,
 };
 use zonal::capture::{Placement, SensorMaps};
 use zonal::optics::Rig;
@@ -45,6 +45,16 @@ enum Kind {
     Linearity,
     /// The projector's primaries as the camera's channels see them.
     Colour,
+    /// What the 8-bit codes of a camera that is not linear mean; then every frame is made linear. Comes before all others.
+    CameraResponse,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum Method {
+    /// Debevec and Malik: smooth.
+    Debevec,
+    /// Robertson, Borman and Stevenson: maximum likelihood.
+    Robertson,
 }
 
 #[derive(clap::Args)]
@@ -78,6 +88,9 @@ pub struct Args {
     /// Take noise from a data set for EMVA 1288 (its description file) instead of from the camera.
     #[arg(long, value_name = "FILE")]
     emva: Option<PathBuf>,
+    /// How camera-response is found (debevec).
+    #[arg(long, value_enum)]
+    method: Option<Method>,
 }
 
 impl Kind {
@@ -87,7 +100,7 @@ impl Kind {
             Kind::Response | Kind::GrayCard | Kind::Linearity | Kind::Colour => &[Placement::GrayCard],
             Kind::Align => &[Placement::PrintedCross, Placement::Crosses],
             Kind::Map => &[Placement::Mirror],
-            Kind::FlatField => &[Placement::Screen],
+            Kind::FlatField | Kind::CameraResponse => &[Placement::Screen],
             Kind::BlackTrap => &[Placement::BlackTrap],
             Kind::Noise => &[Placement::BlackTrap, Placement::GrayCard],
         }
@@ -115,6 +128,7 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
         ("--reference", args.reference.is_some() && args.kind != Kind::GrayCard),
         ("--albedo", args.albedo.is_some() && args.kind != Kind::GrayCard),
         ("--emva", args.emva.is_some() && args.kind != Kind::Noise),
+        ("--method", args.method.is_some() && args.kind != Kind::CameraResponse),
     ];
     if let Some((option, _)) = misplaced.into_iter().find(|m| m.1) {
         let message = format!("{option} says nothing to this kind of calibration: leave it out");
@@ -143,6 +157,7 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
         Kind::Noise => job.noise(&mut bench),
         Kind::Linearity => job.linearity(&mut bench),
         Kind::Colour => job.colour(&mut bench),
+        Kind::CameraResponse => job.camera_response(&mut bench),
     }
 }
 
@@ -313,8 +328,30 @@ impl<'a> Job<'a> {
         measure(Known { response: &response, flat: &flat, sensor, trap, map })
     }
 
+    fn camera_response(&self, bench: &mut TwinBench) -> anyhow::Result<Report> {
+        let method = match self.args.method {
+            Some(Method::Robertson) => ResponseMethod::Robertson,
+            Some(Method::Debevec) | None => ResponseMethod::Debevec,
+        };
+        let codes = camera_codes(&self.rig, bench, method)?;
+        // Figures of the camera as it was before are of other samples.
+        let figures = CameraFigures { codes: Some(codes), ..CameraFigures::default() };
+        self.write(|f| f.write_camera(&self.header(Part::Camera), &figures))?;
+        let middle = figures.codes.as_ref().map_or(0.0, |codes| codes[128] / codes[255]);
+        let text =
+            format!("code 128 is {:.1}% of the light of code 255; next come noise and the others", 100.0 * middle);
+        Ok(self.report(&text, Part::Camera, json!({ "kind": "camera-response", "figures": figures })))
+    }
+
+    /// The rig whose frames are made linear, if they must be, and nothing else.
+    fn linear(&self) -> Rig {
+        let codes = self.camera.as_ref().and_then(|(_, camera)| camera.codes.clone());
+        CameraFigures { codes, ..CameraFigures::default() }.of_rig(&self.rig)
+    }
+
     fn noise(&self, bench: &mut TwinBench) -> anyhow::Result<Report> {
-        let (figures, maps) = noise(&self.rig, bench)?;
+        let (mut figures, maps) = noise(&self.linear(), bench)?;
+        figures.codes = self.camera.as_ref().and_then(|(_, camera)| camera.codes.clone());
         self.write(|f| {
             f.write_maps(&self.header(Part::CameraMaps), &maps)?;
             f.write_camera(&self.header(Part::Camera), &figures)
@@ -330,7 +367,7 @@ impl<'a> Job<'a> {
         let read = EmvaDescription::read(description).with_context(name)?;
         let levels = read.levels(folder).with_context(name)?;
         let noise = NoiseFigures::of(&levels, None).with_context(name)?;
-        let figures = CameraFigures { noise: Some(noise), linear_range: None };
+        let figures = CameraFigures { noise: Some(noise), ..CameraFigures::default() };
         self.write(|f| f.write_camera(&self.header(Part::Camera), &figures))?;
         Ok(self.of_figures("noise", &figures, None))
     }
@@ -338,11 +375,11 @@ impl<'a> Job<'a> {
     fn linearity(&self, bench: &mut TwinBench) -> anyhow::Result<Report> {
         let range: LinearRange = linearity(&self.measured, bench)?;
         let mut header = self.header(Part::Camera);
-        let mut figures = CameraFigures { linear_range: Some(range), noise: None };
+        let mut figures = CameraFigures { linear_range: Some(range), ..CameraFigures::default() };
         if let Some((former, camera)) = &self.camera {
             // A file is as old as the oldest of what it holds.
             header.date = header.date.min(former.date.or(header.date));
-            figures.noise = camera.noise.clone();
+            (figures.noise, figures.codes) = (camera.noise.clone(), camera.codes.clone());
         }
         self.write(|f| f.write_camera(&header, &figures))?;
         Ok(self.of_figures("linearity", &figures, None))
