@@ -318,8 +318,9 @@ fn finish(
     record.compute_s += started.elapsed().as_secs_f64();
     record.status = "complete".into();
     if let Some(folder) = folder {
-        store::write_json(&folder.file("run.json"), &record)?;
+        // A run that says it is complete is left as it is, so this comes first.
         folder.tidy();
+        store::write_json(&folder.file("run.json"), &record)?;
     }
     Ok(Measurement { coefficients, record: record.clone(), first_response: captured.first_response })
 }
