@@ -101,7 +101,7 @@ def check_folder(run):
     frames = [entry for entry in journal if entry["event"] == "frame"]
     check(len(frames) == record["frames"], f"journal.jsonl: {len(frames)} frames, run.json says {record['frames']}")
     check([entry["index"] for entry in frames] == list(range(len(frames))), "journal.jsonl: indices")
-    keys = {"event", "index", "repeat", "lobe", "exposure", "exposure_s", "gain", "sequence", "timestamp_s"}
+    keys = {"event", "index", "repeat", "k", "sign", "exposure", "exposure_s", "gain", "sequence", "timestamp_s"}
     keys |= {"light", "light_reading"}
     check(all(set(entry) == keys for entry in frames), f"journal.jsonl: keys are {sorted(frames[0])}")
 
