@@ -188,7 +188,8 @@ fn series(rig: &Rig, bench: &mut dyn Bench) -> Result<(Vec<Level>, LinearRange),
     }
 }
 
-/// A code and the refresh periods in which it should saturate, and the pixels that get most equal light from it, the most equal first.
+/// A code and the refresh periods in which it should saturate, and the pixels that get most equal light from it, the most equal
+/// first.
 fn even_light(rig: &Rig, bench: &mut dyn Bench) -> Result<(u8, f64, Vec<usize>), CalibrateError> {
     let (p, c) = (&rig.projector, &rig.camera);
     let patterns: Vec<Pattern> = CODES.iter().map(|&code| Pattern::full(p.width_px, p.height_px, code)).collect();
