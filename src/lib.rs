@@ -23,6 +23,7 @@ pub mod calibrate;
 pub mod measure;
 pub mod twin;
 pub mod fit;
+pub mod forecast;
 pub mod convert;
 pub mod export;
 pub mod render;

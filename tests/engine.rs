@@ -131,6 +131,7 @@ fn a_run_can_be_paused_stopped_and_resumed() {
         calibration: &CALIBRATION,
         provenance: &provenance,
         control: &control,
+        adviser: None,
     };
     let mut pauser = None;
     let stopped = zonal::measure::measure(&request, &mut bench(config.clone()), Some(&folder), &mut |done, _| {

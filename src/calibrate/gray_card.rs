@@ -6,10 +6,10 @@ use serde::{Deserialize, Serialize};
 use super::reference::{Reference, gray_card_coefficients};
 use super::{CalibrateError, Maps, RigMap};
 use crate::basis::size;
-use crate::capture::{Bench, Bracket, Control, Crop, Engine, Placement, Progress, Run, SensorMaps};
+use crate::capture::{AllSteps, Bench, Bracket, Control, Crop, Engine, Placement, Progress, Run, SensorMaps};
 use crate::geometry::ExitantGrid;
 use crate::optics::Rig;
-use crate::patterns::{Exitant, LobePair, Lobes, Pattern, Plan, Timing};
+use crate::patterns::{Exitant, Lobes, Pattern, Plan, Timing};
 use crate::radiometry::{FlatField, Response};
 use crate::reduce::{CellMap, ChannelScale, Coefficients, Reducer};
 
@@ -105,15 +105,16 @@ fn unscaled(
     }
     let (w, h) = (rig.projector.width_px, rig.projector.height_px);
     let maps = Maps::of(rig, known.map);
-    let lobes = Lobes::new(&maps.projector, rig.zone(), plan.order, w, h)?;
-    let pairs: Vec<LobePair> = (0..size(plan.order)).map(|k| lobes.encode(k, known.response, known.flat)).collect();
+    let steps = plan.steps(rig.zone());
+    let lobes = Lobes::new(&maps.projector, rig.zone(), steps.clone(), w, h)?;
+    let pairs = lobes.encode_all(known.response, known.flat);
     let patterns: Vec<Pattern> = pairs.iter().flat_map(|p| p.patterns.clone()).collect();
     let grid = ExitantGrid::new(rig.zone(), plan.exitant.rings, plan.exitant.sectors);
     let crop = Crop::of_map(rig, &maps.camera);
     let cells = CellMap::new(rig, &maps.camera, crop, grid)?;
-    let gains = pairs.iter().map(|p| p.gain).collect();
+    let gains = pairs.iter().map(|p| p.gains).collect();
     let history = format!("{what}; rig {}", rig.name);
-    let mut reducer = Reducer::new(cells, plan.order, gains, ChannelScale::unit(), history);
+    let mut reducer = Reducer::new(cells, steps, gains, ChannelScale::unit(), history);
     if let Some(trap) = known.trap {
         reducer = reducer.less_stray(trap)?;
     }
@@ -122,6 +123,8 @@ fn unscaled(
     let mut exposer = Bracket(exposures_s);
     let run = Run {
         patterns: &patterns,
+        mixed: plan.is_mixed(),
+        director: &mut AllSteps::new(pairs.len()),
         repeats: plan.repeats,
         exposer: &mut exposer,
         longest_s,
@@ -130,7 +133,8 @@ fn unscaled(
         folder: None,
     };
     Engine::new(rig, bench, Control::default()).run(run, progress, |lobe, image| reducer.add(lobe, &image))?;
-    Ok(reducer.finish_dark()?)
+    let all: Vec<usize> = (0..pairs.len()).collect();
+    Ok(reducer.finish_dark(&all, plan.scheme.is_isotropic())?.coefficients)
 }
 
 /// Measures stray light: what reaches the camera from a black trap in the sample's place. Zonal coefficients in electrons

@@ -1,17 +1,17 @@
 //! The engine: shows patterns, takes frames, keeps what must not be lost, and leaves merging to a worker.
 
 use std::sync::Arc;
-use std::sync::mpsc::SyncSender;
+use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::acquisition::{Accepted, Acquisition, Effort, Refused, Taken};
 use super::journal::{FrameEntry, Journal, JournalEntry, Recorded};
 use super::state::{Control, Input, State};
-use super::worker::{LobeFrames, Pair, Worker, channel};
-use super::{Bench, CaptureError, Crop, Exposer, ResponseImage, RunFolder, SensorMaps};
+use super::worker::{LobeFrames, Pair, Work, Worker, channel};
+use super::{Bench, CaptureError, Crop, Director, Exposer, ResponseImage, RunFolder, SensorMaps};
 use crate::optics::Rig;
-use crate::patterns::{Lobe, Pattern, Sign};
+use crate::patterns::{Lobe, Pattern, RigTime, Sign, Timing};
 
 /// Told of every frame: how many are done, how many there are (an estimate while exposures are chosen on the way).
 pub type Progress<'a> = dyn FnMut(usize, usize) + 'a;
@@ -21,9 +21,13 @@ const PAUSE_POLL: Duration = Duration::from_millis(20);
 
 /// What a run shows and keeps.
 pub struct Run<'a> {
-    /// Frames in the order positive and negative lobe of every function.
+    /// The two frames of every step.
     pub patterns: &'a [Pattern],
-    /// How often all of them are taken.
+    /// Whether steps are mixtures rather than functions: see [`Lobe::mixed`].
+    pub mixed: bool,
+    /// Says which steps are taken.
+    pub director: &'a mut dyn Director,
+    /// How often each of them is taken.
     pub repeats: usize,
     /// Chooses exposures.
     pub exposer: &'a mut dyn Exposer,
@@ -44,6 +48,14 @@ pub struct RunSummary {
     pub effort: Effort,
     /// Frames taken in all sessions.
     pub frames: usize,
+    /// Patterns taken in all sessions.
+    pub images: usize,
+    /// Time that the frames of all sessions take on the physical rig.
+    pub rig_time: RigTime,
+    /// Time on the bench's clock from the first request to the last frame of this session, s, making ready left out.
+    pub elapsed_s: f64,
+    /// Time on the bench's clock for making ready, s.
+    pub preparation_s: f64,
     /// Frames that were no good in all sessions.
     pub rejected: usize,
     /// From the projector's word to its light, s.
@@ -96,7 +108,16 @@ impl<'a> Engine<'a> {
             }
         };
         self.enter(Input::Checked);
-        let mut session = Session { journal, recorded, light: [f64::INFINITY, f64::NEG_INFINITY], index: 0 };
+        let mut session = Session {
+            journal,
+            recorded,
+            light: [f64::INFINITY, f64::NEG_INFINITY],
+            index: 0,
+            images: 0,
+            rig_time: RigTime::default(),
+            elapsed_s: 0.0,
+            preparation_s: 0.0,
+        };
         let result = self.session(&mut run, &mut devices, &mut session, progress, sink);
         match &result {
             Ok(()) => self.enter(Input::Stored),
@@ -113,6 +134,10 @@ impl<'a> Engine<'a> {
         Ok(RunSummary {
             effort: devices.effort,
             frames: session.index,
+            images: session.images,
+            rig_time: session.rig_time,
+            elapsed_s: session.elapsed_s,
+            preparation_s: session.preparation_s,
             rejected: session.recorded.rejected + devices.effort.rejected,
             latency_s: devices.latency_s,
             tagged: devices.tag.is_some(),
@@ -139,6 +164,7 @@ impl<'a> Engine<'a> {
         sink: impl FnMut(Lobe, ResponseImage) + Send,
     ) -> Result<(), CaptureError> {
         let recorded = &session.recorded;
+        let opened_s = devices.clock.now_s();
         devices.prepare(run.patterns, run.longest_s, recorded.first_contrast, recorded.next_sequence())?;
         devices.recall_lamp(&recorded.in_order);
         let entry = JournalEntry::Prepared {
@@ -148,22 +174,25 @@ impl<'a> Engine<'a> {
         };
         session.journal.as_mut().map_or(Ok(()), |j| j.append(&entry))?;
         self.enter(Input::Prepared);
-        let functions = run.patterns.len() / 2;
+        let ready_s = devices.clock.now_s();
+        session.preparation_s = ready_s - opened_s;
         let worker = Worker {
             sensor: devices.sensor,
             crop: run.crop,
             maps: run.maps,
             repeats: run.repeats,
+            mixed: run.mixed,
             folder: run.folder,
-            memory: vec![Vec::new(); functions],
+            memory: vec![Vec::new(); run.patterns.len() / 2],
             sink,
         };
         let (sender, receiver) = channel();
         thread::scope(|scope| {
             let worker = scope.spawn(|| worker.run(receiver));
             let alive = || !worker.is_finished();
-            let taken = self.pairs(run, devices, session, progress, &sender, &alive);
+            let taken = self.batches(run, devices, session, progress, &sender, &alive);
             drop(sender);
+            session.elapsed_s = devices.clock.now_s() - ready_s;
             if taken.is_ok() {
                 self.enter(Input::Exhausted);
             }
@@ -173,30 +202,64 @@ impl<'a> Engine<'a> {
         })
     }
 
-    fn pairs(
+    /// Takes what the director asks for until that is nothing.
+    fn batches(
         &mut self,
         run: &mut Run<'_>,
         devices: &mut Acquisition<'_>,
         session: &mut Session,
         progress: &mut Progress<'_>,
-        worker: &SyncSender<Pair>,
+        worker: &SyncSender<Work>,
         alive: &dyn Fn() -> bool,
     ) -> Result<(), CaptureError> {
-        let functions = run.patterns.len() / 2;
-        let total = run.repeats * functions * run.exposer.expected_frames();
-        let send = |pair| worker.send(pair).map_err(|_| CaptureError::Stopped { done: 0, total });
+        let mut began = Instant::now();
+        loop {
+            let steps = run.director.next();
+            if steps.is_empty() {
+                return Ok(());
+            }
+            if session.images > 0 {
+                session.rig_time.decision_s += began.elapsed().as_secs_f64();
+            }
+            self.steps(run, &steps, devices, session, progress, worker, alive)?;
+            began = Instant::now();
+            if run.director.is_adaptive() {
+                // What is decided next is decided from all frames so far.
+                let (done, wait) = sync_channel(1);
+                let stopped = |_| CaptureError::Stopped { done: session.index, total: session.index };
+                worker.send(Work::Flush(done)).map_err(|_| stopped(()))?;
+                wait.recv().map_err(|_| stopped(()))?;
+            }
+        }
+    }
+
+    #[allow(clippy::too_many_arguments)]
+    fn steps(
+        &mut self,
+        run: &mut Run<'_>,
+        steps: &[usize],
+        devices: &mut Acquisition<'_>,
+        session: &mut Session,
+        progress: &mut Progress<'_>,
+        worker: &SyncSender<Work>,
+        alive: &dyn Fn() -> bool,
+    ) -> Result<(), CaptureError> {
+        let total = run.repeats * run.director.expected() * run.exposer.expected_frames();
+        let send = |pair| worker.send(Work::Pair(pair)).map_err(|_| CaptureError::Stopped { done: 0, total });
+        let timing = Timing::of(self.rig);
         for repeat in 0..run.repeats {
-            for k in 0..functions {
-                let lobes = [Sign::Positive, Sign::Negative].map(|sign| Lobe { k, sign });
+            for (i, &k) in steps.iter().enumerate() {
+                let lobes = Lobe::both(k, run.mixed);
                 let stored =
                     run.folder.is_some_and(|folder| lobes.iter().all(|l| folder.response_path(l, repeat).is_file()));
                 if stored {
-                    session.skip(repeat, &lobes);
+                    session.skip(repeat, &lobes, &timing);
                     progress(session.index, total.max(session.index));
                     send(Pair { k, repeat, lobes: [LobeFrames::Stored, LobeFrames::Stored] })?;
                     continue;
                 }
-                let after = if k + 1 < functions { Some(2 * k + 2) } else { (repeat + 1 < run.repeats).then_some(0) };
+                let again = if repeat + 1 < run.repeats { steps.first() } else { None };
+                let after = steps.get(i + 1).or(again).map(|next| 2 * next);
                 let mut frames: [Vec<(usize, Taken)>; 2] = [Vec::new(), Vec::new()];
                 let first = run.exposer.first();
                 let adaptive = run.exposer.is_adaptive();
@@ -206,7 +269,7 @@ impl<'a> Engine<'a> {
                     let (i, exposures, next) = stages[stage].clone();
                     let lobe = lobes[i];
                     let before = frames[i].len();
-                    let mut step = Step { engine: self, session, run, progress, alive, total };
+                    let mut step = StepFrames { engine: self, session, run, progress, alive, total };
                     frames[i].extend(step.lobe(devices, repeat, lobe, before, &exposures, next)?);
                     stage += 1;
                     if stage == 2 && adaptive {
@@ -220,6 +283,10 @@ impl<'a> Engine<'a> {
                             stages.push((0, more, after));
                         }
                     }
+                }
+                for frames in &frames {
+                    let exposures: Vec<f64> = frames.iter().map(|(_, taken)| taken.exposure_s).collect();
+                    session.shown(&exposures, &timing);
                 }
                 send(Pair { k, repeat, lobes: frames.map(LobeFrames::Taken) })?;
             }
@@ -239,6 +306,10 @@ struct Session {
     light: [f64; 2],
     /// Frames done, and the position of the next.
     index: usize,
+    images: usize,
+    rig_time: RigTime,
+    elapsed_s: f64,
+    preparation_s: f64,
 }
 
 impl Session {
@@ -246,21 +317,30 @@ impl Session {
         self.light = [self.light[0].min(light), self.light[1].max(light)];
     }
 
+    /// Counts a pattern under its exposures.
+    fn shown(&mut self, exposures_s: &[f64], timing: &Timing) {
+        self.images += 1;
+        self.rig_time = self.rig_time.and(RigTime::of_pattern(exposures_s, timing));
+    }
+
     /// Counts the frames of a pair that an earlier session took.
-    fn skip(&mut self, repeat: usize, lobes: &[Lobe; 2]) {
+    fn skip(&mut self, repeat: usize, lobes: &[Lobe; 2], timing: &Timing) {
         for lobe in lobes {
+            let mut exposures = Vec::new();
             for exposure in 0.. {
                 let Some(frame) = self.recorded.frame(repeat, *lobe, exposure) else { break };
                 let light = frame.light;
+                exposures.push(frame.exposure_s);
                 self.seen(light);
                 self.index += 1;
             }
+            self.shown(&exposures, timing);
         }
     }
 }
 
-/// What taking the frames of one lobe needs.
-struct Step<'s, 'a, 'r, 'p> {
+/// What taking the frames of a step needs.
+struct StepFrames<'s, 'a, 'r, 'p> {
     engine: &'s mut Engine<'a>,
     session: &'s mut Session,
     run: &'s Run<'r>,
@@ -269,7 +349,7 @@ struct Step<'s, 'a, 'r, 'p> {
     total: usize,
 }
 
-impl Step<'_, '_, '_, '_> {
+impl StepFrames<'_, '_, '_, '_> {
     /// Frames of a lobe with these exposures, the first of which is its exposure number `number`; those an earlier session
     /// took are read, the others taken.
     fn lobe(

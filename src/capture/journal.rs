@@ -197,7 +197,7 @@ mod tests {
     use super::*;
 
     fn entry(index: usize) -> JournalEntry {
-        let lobe = Lobe { k: index / 2, sign: if index.is_multiple_of(2) { Sign::Positive } else { Sign::Negative } };
+        let lobe = Lobe::both(index / 2, false)[index % 2];
         JournalEntry::Frame(FrameEntry {
             index,
             repeat: 0,

@@ -2,6 +2,7 @@
 
 mod acquisition;
 mod device;
+mod director;
 mod engine;
 mod exposer;
 mod free_running;
@@ -23,6 +24,7 @@ pub use device::{
     Bench, Camera, CameraFactory, CameraLimits, Clock, Frame, FrameFlags, Placement, Projector, ProjectorFactory,
     ProjectorLimits, Triggering,
 };
+pub use director::{AllSteps, Director};
 pub use engine::{Engine, Progress, Run, RunSummary};
 pub use exposer::{Bracket, Exposer};
 pub use journal::{Journal, JournalEntry, Recorded};

@@ -4,13 +4,13 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 use super::acquisition::Taken;
 use super::{CaptureError, Crop, ResponseImage, RunFolder, SensorMaps};
-use crate::patterns::{Lobe, Sign};
+use crate::patterns::Lobe;
 use crate::radiometry::Sensor;
 
 /// Pairs that may wait to be merged: more would only fill the memory.
 const QUEUE: usize = 2;
 
-/// Both lobes of a function, in one repeat.
+/// Both frames of a step, in one repeat.
 pub(super) struct Pair {
     pub k: usize,
     pub repeat: usize,
@@ -26,8 +26,16 @@ pub(super) enum LobeFrames {
     Taken(Vec<(usize, Taken)>),
 }
 
+/// What the worker is asked to do.
+pub(super) enum Work {
+    /// To merge a pair.
+    Pair(Pair),
+    /// To answer when everything before is done.
+    Flush(SyncSender<()>),
+}
+
 /// Hands work over; dropped when there is no more.
-pub(super) fn channel() -> (SyncSender<Pair>, Receiver<Pair>) {
+pub(super) fn channel() -> (SyncSender<Work>, Receiver<Work>) {
     sync_channel(QUEUE)
 }
 
@@ -37,51 +45,52 @@ pub(super) struct Worker<'a, S> {
     pub crop: Crop,
     pub maps: Option<&'a SensorMaps>,
     pub repeats: usize,
+    pub mixed: bool,
     pub folder: Option<&'a RunFolder>,
-    /// Responses of repeats so far, where no folder keeps them: by function.
+    /// Responses of repeats so far, where no folder keeps them: by step.
     pub memory: Vec<Vec<[ResponseImage; 2]>>,
     pub sink: S,
 }
 
 impl<S: FnMut(Lobe, ResponseImage)> Worker<'_, S> {
     /// Works until the sender is dropped or something fails.
-    pub fn run(mut self, pairs: Receiver<Pair>) -> Result<(), CaptureError> {
-        for pair in pairs {
-            self.take(pair)?;
+    pub fn run(mut self, work: Receiver<Work>) -> Result<(), CaptureError> {
+        for work in work {
+            match work {
+                Work::Pair(pair) => self.take(pair)?,
+                // Nobody waits any more where the run has been stopped meanwhile.
+                Work::Flush(done) => drop(done.send(())),
+            }
         }
         Ok(())
     }
 
     fn take(&mut self, pair: Pair) -> Result<(), CaptureError> {
         let Pair { k, repeat, lobes } = pair;
-        let signs = [Sign::Positive, Sign::Negative];
+        let both = Lobe::both(k, self.mixed);
         let exposures = lobes.each_ref().map(|l| if let LobeFrames::Taken(frames) = l { frames.len() } else { 0 });
         let mut responses = Vec::with_capacity(2);
-        for (sign, frames) in signs.into_iter().zip(lobes) {
-            let lobe = Lobe { k, sign };
+        for (lobe, frames) in both.into_iter().zip(lobes) {
             responses.push(match frames {
                 LobeFrames::Stored => self.stored(lobe, repeat)?,
                 LobeFrames::Taken(frames) => self.merge(lobe, repeat, frames)?,
             });
         }
         if let Some(folder) = self.folder {
-            for (sign, exposures) in signs.into_iter().zip(exposures) {
-                folder.drop_pending(repeat, &Lobe { k, sign }, exposures);
+            for (lobe, exposures) in both.iter().zip(exposures) {
+                folder.drop_pending(repeat, lobe, exposures);
             }
         }
         let pair: [ResponseImage; 2] = responses.try_into().expect("two lobes");
         if self.repeats == 1 {
-            let [positive, negative] = pair;
-            (self.sink)(Lobe { k, sign: Sign::Positive }, positive);
-            (self.sink)(Lobe { k, sign: Sign::Negative }, negative);
+            both.into_iter().zip(pair).for_each(|(lobe, response)| (self.sink)(lobe, response));
             return Ok(());
         }
         if self.folder.is_none() {
             self.memory[k].push(pair);
         }
         if repeat + 1 == self.repeats {
-            for (i, sign) in signs.into_iter().enumerate() {
-                let lobe = Lobe { k, sign };
+            for (i, lobe) in both.into_iter().enumerate() {
                 let all = match self.folder {
                     Some(_) => (0..self.repeats).map(|r| self.stored(lobe, r)).collect::<Result<Vec<_>, _>>()?,
                     None => self.memory[k].iter().map(|pair| pair[i].clone()).collect(),

@@ -68,7 +68,7 @@ impl Observations {
     /// Averages each ring over its azimuths, by inverse variance, as if the sample were isotropic.
     pub fn folded(coefficients: &Coefficients) -> Self {
         let grid = coefficients.grid;
-        let terms: Vec<usize> = (0..size(coefficients.order)).filter(|&k| lm(k).1 >= 0).collect();
+        let terms: Vec<usize> = measured(coefficients).filter(|&k| lm(k).1 >= 0).collect();
         let (mut excess, mut freedom, mut power) = (0.0, 0usize, 0.0);
         let mut stations = Vec::new();
         for ring in 0..grid.rings() {
@@ -106,7 +106,7 @@ impl Observations {
     /// A thinned selection of exitant directions, nothing assumed.
     pub fn anisotropic(coefficients: &Coefficients) -> Self {
         let grid = coefficients.grid;
-        let terms: Vec<usize> = (0..size(coefficients.order)).collect();
+        let terms: Vec<usize> = measured(coefficients).collect();
         let ring_step = grid.rings().div_ceil(ANISOTROPIC_RINGS);
         let sector_step = grid.sectors().div_ceil(ANISOTROPIC_SECTORS);
         let mut stations = Vec::new();
@@ -180,6 +180,11 @@ impl Observations {
         }
         (mirrored > 0.0).then(|| back / mirrored)
     }
+}
+
+/// Functions that were shown at all: an adaptive run leaves some out.
+fn measured(coefficients: &Coefficients) -> impl Iterator<Item = usize> {
+    (0..size(coefficients.order)).filter(|&k| (0..3).any(|c| coefficients.plane(k, c).iter().any(|z| z.is_finite())))
 }
 
 /// Exitant angle, radians, from which on the way back and the mirror direction are told apart by low orders.

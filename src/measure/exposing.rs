@@ -2,8 +2,10 @@
 
 use rayon::prelude::*;
 
+use crate::basis::Harmonics;
 use crate::capture::{Exposer, ResponseImage};
-use crate::patterns::{AutomaticBracket, Timing};
+use crate::geometry::{Direction, Zone};
+use crate::patterns::{AutomaticBracket, LobePair, Step, Timing};
 use crate::radiometry::Sensor;
 use crate::reduce::{CellMap, ChannelScale};
 
@@ -23,27 +25,41 @@ pub struct AutomaticExposer {
     sensor: Sensor,
     cells: CellMap,
     scale: ChannelScale,
+    /// By step: the divisor of what it shows.
     gains: Vec<f64>,
+    /// By step: what the mean rate of its two frames is to be multiplied by to be about z_00.
+    brightness: Vec<f64>,
     noise_rel: f64,
     shortest_s: f64,
     /// Exposures to choose from, ascending, in whole refresh periods.
     ladder: Vec<f64>,
     /// What a pixel's variance counts for in the mean square standard error over cells.
     weights: Vec<f64>,
-    /// RMS z_00, once its pair has been seen.
+    /// RMS z_00, once a pair has been seen.
     constant: Option<f64>,
+    /// Whether the first step is the constant function and black.
+    is_constant: bool,
 }
 
 impl AutomaticExposer {
-    /// Exposures for pairs whose lobe differences are divided by `gains`.
+    /// Exposures for the frames of `steps`.
     pub fn new(
         target: &AutomaticBracket,
         timing: &Timing,
         sensor: Sensor,
         cells: CellMap,
         scale: ChannelScale,
-        gains: Vec<f64>,
+        pairs: &[LobePair],
+        steps: &[Step],
     ) -> Self {
+        // Of a mixture, what counts is the noise of the coefficients in it.
+        let gain = |pair: &LobePair, step: &Step| {
+            let mixtures = step.mixtures().iter();
+            let power = mixtures.map(|m| m.0.iter().map(|&(_, f)| f * f).sum::<f64>() / m.0.len() as f64);
+            pair.gains[0] * (power.sum::<f64>() / step.mixtures().len() as f64).sqrt()
+        };
+        let gains = pairs.iter().zip(steps).map(|(pair, step)| gain(pair, step)).collect();
+        let brightness = pairs.iter().zip(steps).map(|(pair, step)| brightness(cells.grid().zone(), step) / pair.gains[0]).collect();
         let mut refreshes: Vec<u32> =
             std::iter::successors(Some(f64::from(target.longest_refreshes)), |n| Some(n / LADDER))
                 .map(|n| n.round() as u32)
@@ -57,11 +73,13 @@ impl AutomaticExposer {
             cells,
             scale,
             gains,
+            brightness,
             noise_rel: target.noise_rel,
             shortest_s: f64::from(target.shortest_refreshes) * timing.refresh_s,
             ladder: refreshes.into_iter().map(|n| f64::from(n) * timing.refresh_s).collect(),
             weights,
             constant: None,
+            is_constant: steps.first() == Some(&Step::function(0)),
         }
     }
 
@@ -125,17 +143,19 @@ impl AutomaticExposer {
         chosen
     }
 
-    /// RMS of z_00 over cells and channels.
-    fn constant_of(&self, pair: [&ResponseImage; 2]) -> f64 {
+    /// RMS of z_00 over cells and channels, from the light of both frames of a step; of a step that is not the constant
+    /// function about as large.
+    fn constant_of(&self, k: usize, pair: [&ResponseImage; 2]) -> f64 {
+        let sign = if k == 0 && self.is_constant { -1.0 } else { 1.0 };
         let [positive, negative] = pair.map(|image| self.cells.apply(image));
         let grid = self.cells.grid();
         let (mut sum, mut n) = (0.0, 0.0);
         for i in 0..positive.rate.len() {
             let theta_o = grid.theta(i % grid.len() / grid.sectors());
-            let factor = self.scale.at(&grid.zone(), theta_o, i / grid.len()) / self.gains[0];
+            let factor = self.scale.at(&grid.zone(), theta_o, i / grid.len()) * self.brightness[k];
             // The noise of the shortest exposure must not be taken for light.
             let noise = positive.variance[i] + negative.variance[i];
-            let power = factor * factor * ((positive.rate[i] - negative.rate[i]).powi(2) - noise);
+            let power = factor * factor * ((positive.rate[i] + sign * negative.rate[i]).powi(2) - noise);
             if power.is_finite() {
                 sum += power;
                 n += 1.0;
@@ -152,7 +172,7 @@ impl Exposer for AutomaticExposer {
 
     fn further(&mut self, k: usize, pair: [&ResponseImage; 2]) -> Vec<f64> {
         if k == 0 || self.constant.is_none() {
-            self.constant = Some(self.constant_of(pair));
+            self.constant = Some(self.constant_of(k, pair));
         }
         let limit = AIM * self.noise_rel * self.constant.expect("set above");
         let counted: Vec<usize> = (0..self.weights.len()).filter(|&p| self.weights[p] > 0.0).collect();
@@ -173,6 +193,21 @@ impl Exposer for AutomaticExposer {
     fn expected_frames(&self) -> usize {
         4
     }
+}
+
+/// z_00 of an even sample over the light that both frames of a step send together.
+fn brightness(zone: Zone, step: &Step) -> f64 {
+    const SAMPLES: [usize; 2] = [48, 96];
+    let basis = Harmonics::zonal(zone, step.order()).expect("orders of plans are small");
+    let at = |i: usize| {
+        let (ring, sector) = (i / SAMPLES[1], i % SAMPLES[1]);
+        let mu = zone.cos_max() + (zone.cos_min() - zone.cos_max()) * (ring as f64 + 0.5) / SAMPLES[0] as f64;
+        let wi = Direction::from_mu_phi(mu, std::f64::consts::TAU * sector as f64 / SAMPLES[1] as f64);
+        step.lights(&basis.eval(&wi)).iter().sum::<f64>()
+    };
+    let n = SAMPLES[0] * SAMPLES[1];
+    let mean = (0..n).map(at).sum::<f64>() / n as f64;
+    1.0 / (mean * zone.solid_angle().sqrt())
 }
 
 /// The rate a pixel is expected to have: its own where that is clear of noise, else the mean of its neighbourhood of the same

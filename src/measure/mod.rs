@@ -1,5 +1,6 @@
 //! A measurement: a plan run on a bench with a calibration, into a run folder that tells all.
 
+mod adapting;
 mod budget;
 mod control;
 mod exposing;
@@ -20,6 +21,7 @@ use crate::patterns::PlanError;
 use crate::reduce::ReduceError;
 use crate::store::StoreError;
 
+pub use adapting::{Advice, Adviser, Decision, SoFar};
 pub use budget::{Albedo, AlbedoAt, Assumptions, Budget, Component, Evidence, Kind, Remounts, budget_of, remounts};
 pub use control::{ControlRun, ControlSeries, Signal, control_series};
 pub use exposing::AutomaticExposer;
@@ -49,6 +51,9 @@ pub enum MeasureError {
     /// The run's plan file is damaged.
     #[error("the run's plan.toml: {0}")]
     Plan(#[from] PlanError),
+    /// An adaptive plan asks somebody.
+    #[error("the plan is adaptive and nobody is there to say what a sample needs: measure with `zonal measure --adaptive`")]
+    NoAdviser,
     /// The run did not end.
     #[error(
         "{path} says `{status}`, not `complete`: end it with the same `zonal measure` command and --resume",

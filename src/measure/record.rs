@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Assumptions, Budget, MeasureError};
+use super::{Assumptions, Budget, Decision, MeasureError};
 use crate::capture::RUN_FORMAT;
 use crate::optics::Rig;
 use crate::patterns::{Plan, RigTime};
@@ -90,8 +90,20 @@ pub struct RunRecord {
     pub noise_rel: f64,
     /// Share of zone pixels saturated in every exposure.
     pub saturated_fraction: f64,
-    /// Divisor of each lobe difference.
+    /// Divisor of each step's rates; of each frame's where there are twice as many.
     pub gains: Vec<f64>,
+    /// Steps of the plan that the coefficients are made from; all where none is named.
+    #[serde(default)]
+    pub steps: Vec<usize>,
+    /// Whether the sample was taken to be isotropic.
+    #[serde(default)]
+    pub isotropic: bool,
+    /// RMS deviation from isotropy beyond noise, over RMS z_00; 0 where isotropy was not assumed.
+    #[serde(default)]
+    pub anisotropy: f64,
+    /// What an adaptive run decided.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub decisions: Vec<Decision>,
     /// Colours of the coefficients.
     #[serde(default)]
     pub colour_space: ColourSpace,
@@ -122,6 +134,12 @@ pub struct CaptureRecord {
     pub lamp: [f64; 2],
     /// Standard error of that, relative.
     pub lamp_sigma: f64,
+    /// Time on the rig's clock from the first pattern to the last frame, in the last session.
+    #[serde(default)]
+    pub elapsed_s: f64,
+    /// Time on the rig's clock for making devices ready (latency, coded patch), in the last session.
+    #[serde(default)]
+    pub preparation_s: f64,
 }
 
 impl RunRecord {

@@ -3,9 +3,8 @@
 use std::path::Path;
 use std::time::Instant;
 
-use super::run::{in_colours, reducer};
+use super::run::{in_colours, recorded_gains, reducer};
 use super::{Budget, Evidence, MeasureError, RunRecord};
-use crate::basis::size;
 use crate::calibrate::{Acceptance, CalibrationSet, Folder, Kind, Maps};
 use crate::capture::{Crop, ResponseImage, RunFolder};
 use crate::optics::Rig;
@@ -35,21 +34,29 @@ pub fn reduce_run(
     let own = folder.file("calibration");
     let accept = Acceptance { simulated: Some(record.provenance.simulation.is_some()), freshness: None };
     let mut set = CalibrationSet::read_for(calibration.unwrap_or(&own), &rig, &accept)?;
-    if record.gains.len() != size(plan.order) || record.gains.contains(&0.0) {
-        let reason = format!("`gains` are not {} divisors, as the plan asks for: measure again", size(plan.order));
+    let count = plan.steps(rig.zone()).len();
+    let Some(gains) = recorded_gains(&record.gains, count) else {
+        let reason = format!("`gains` are not {count} divisors, as the plan asks for: measure again");
+        return Err(StoreError::invalid(&folder.file("run.json"), reason).into());
+    };
+    if record.steps.is_empty() {
+        record.steps = (0..count).collect();
+    }
+    if record.steps.iter().any(|&s| s >= count) {
+        let reason = format!("`steps` names one beyond the plan's {count}: measure again");
         return Err(StoreError::invalid(&folder.file("run.json"), reason).into());
     }
     // The run's own map: it is how the frames were made and cut.
     let files = Folder { path: &own, rig: &rig, accept };
     set.map = files.if_there(Kind::Map, Folder::read_map).transpose()?.map(|(_, map)| map);
     let camera = Maps::of(&rig, set.map.as_ref()).camera;
-    let mut reducer = reducer(&rig, &plan, &camera, &record.gains, &set, &record.provenance)?;
+    let mut reducer = reducer(&rig, &plan, &camera, gains, &set, &record.provenance)?;
     record.colour_space = colours.unwrap_or_else(|| plan.colour_space());
     set.to_colours(record.colour_space)?;
     let crop = Crop::of_map(&rig, &camera);
     // Runs of the first format hold the mean of all repeats.
     let repeats = if record.format < 2 { 1 } else { plan.repeats };
-    for lobe in plan.lobes() {
+    for lobe in plan.lobes(record.steps.clone()) {
         let response = |repeat| ResponseImage::read_of(&folder.response_path(&lobe, repeat), crop);
         if repeats == 1 {
             reducer.add(lobe, &response(0)?);
@@ -59,7 +66,9 @@ pub fn reduce_run(
         }
     }
     record.saturated_fraction = reducer.saturated_fraction();
-    let coefficients = in_colours(reducer.finish()?, &set, record.colour_space)?;
+    let reduced = reducer.finish(&record.steps, record.isotropic)?;
+    record.anisotropy = reduced.anisotropy;
+    let coefficients = in_colours(reduced.coefficients, &set, record.colour_space)?;
     record.noise_rel = coefficients.noise_rel();
     let evidence = Evidence::new(&rig, &set.check, &record.capture);
     record.budget = Some(Budget::new(&coefficients, &evidence, &record.provenance.assumed));

@@ -1,23 +1,23 @@
 //! Running a plan, and going on where a run stopped.
 
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-use rayon::prelude::*;
-
+use super::adapting::Adapting;
 use super::record::CaptureRecord;
-use super::{AutomaticExposer, Budget, Evidence, MeasureError, Provenance, RunRecord};
-use crate::basis::{OrderError, size};
+use super::{Adviser, AutomaticExposer, Budget, Decision, Evidence, MeasureError, Provenance, RunRecord};
+use crate::basis::OrderError;
 use crate::calibrate::CalibrationSet;
 use crate::capture::{
-    Bench, Bracket, CaptureError, Control, Crop, Engine, Exposer, Placement, Progress, RUN_FORMAT, ResponseImage, Run,
-    RunFolder, RunSummary, sensor,
+    AllSteps, Bench, Bracket, CaptureError, Control, Crop, Director, Engine, Exposer, Placement, Progress, RUN_FORMAT,
+    ResponseImage, Run, RunFolder, RunSummary, sensor,
 };
 use crate::geometry::ExitantGrid;
 use crate::optics::{OpticalMap, Rig};
-use crate::patterns::{LobePair, Lobes, Pattern, Plan, Timing};
+use crate::patterns::{LobePair, Lobes, Pattern, Plan, Step, Timing};
 use crate::radiometry::ColourSpace;
-use crate::reduce::{CellMap, Coefficients, ReduceError, Reducer};
+use crate::reduce::{CellMap, Coefficients, ReduceError, Reduced, Reducer};
 use crate::store;
 
 /// What is to be measured, and with what.
@@ -33,6 +33,8 @@ pub struct Request<'a> {
     pub provenance: &'a Provenance,
     /// A way to pause and stop it.
     pub control: &'a Control,
+    /// Says what adaptive plans take next; others ask nobody.
+    pub adviser: Option<&'a dyn Adviser>,
 }
 
 /// A finished measurement.
@@ -77,13 +79,15 @@ pub fn measure(
 
 /// Goes on with a run that was stopped, failed or killed: takes the frames that are missing and reduces all.
 ///
-/// The bench is that of the run's own `rig.toml`; `make_bench` gets that rig and the run's record.
+/// The bench is that of the run's own `rig.toml`; `make_bench` gets that rig and the run's record. `adviser` must be the one that
+/// an adaptive run was begun with.
 ///
 /// # Errors
 /// [`MeasureError::Complete`] if nothing is missing, [`MeasureError::OldRun`], and as [`measure`].
 pub fn resume<E: From<MeasureError>>(
     path: &Path,
     control: &Control,
+    adviser: Option<&dyn Adviser>,
     make_bench: impl FnOnce(&Rig, &RunRecord) -> Result<Box<dyn Bench>, E>,
     progress: &mut Progress<'_>,
 ) -> Result<Measurement, E> {
@@ -94,7 +98,8 @@ pub fn resume<E: From<MeasureError>>(
     let calibration = CalibrationSet::read(&folder.file("calibration"), &rig).map_err(MeasureError::from)?;
     let mut bench = make_bench(&rig, &record)?;
     let provenance = record.provenance.clone();
-    let request = Request { rig: &rig, plan: &plan, calibration: &calibration, provenance: &provenance, control };
+    let request =
+        Request { rig: &rig, plan: &plan, calibration: &calibration, provenance: &provenance, control, adviser };
     let prepared = Prepared::new(&request)?;
     Ok(perform(&request, bench.as_mut(), prepared, record, Some(&folder), progress)?)
 }
@@ -132,7 +137,11 @@ fn new_record(request: &Request<'_>, pairs: &[LobePair]) -> RunRecord {
         zone_deg: [rig.zone.theta_min_deg, rig.zone.theta_max_deg],
         noise_rel: 0.0,
         saturated_fraction: 0.0,
-        gains: pairs.iter().map(|p| p.gain).collect(),
+        gains: stored_gains(pairs),
+        steps: (0..plan.step_count()).collect(),
+        isotropic: plan.scheme.is_isotropic(),
+        anisotropy: 0.0,
+        decisions: Vec::new(),
         colour_space: plan.colour_space(),
         capture: CaptureRecord::default(),
         budget: None,
@@ -166,20 +175,39 @@ fn perform(
     outcome
 }
 
-/// The frames of a plan on a calibrated rig.
+/// The frames of a plan on a calibrated rig; of an adaptive plan all that it may come to.
 ///
 /// # Errors
 /// [`OrderError`].
 pub fn lobe_pairs(rig: &Rig, plan: &Plan, calibration: &CalibrationSet) -> Result<Vec<LobePair>, OrderError> {
     let p = &rig.projector;
-    let lobes = Lobes::new(&calibration.maps(rig).projector, rig.zone(), plan.order, p.width_px, p.height_px)?;
-    let all = (0..size(plan.order)).into_par_iter();
-    Ok(all.map(|k| lobes.encode(k, &calibration.response, &calibration.flat)).collect())
+    let steps = plan.steps(rig.zone());
+    let lobes = Lobes::new(&calibration.maps(rig).projector, rig.zone(), steps, p.width_px, p.height_px)?;
+    Ok(lobes.encode_all(&calibration.response, &calibration.flat))
+}
+
+/// Gains as a record holds them: one for each step, or for each frame where they differ.
+fn stored_gains(pairs: &[LobePair]) -> Vec<f64> {
+    if pairs.iter().all(|p| p.gains[0] == p.gains[1]) {
+        return pairs.iter().map(|p| p.gains[0]).collect();
+    }
+    pairs.iter().flat_map(|p| p.gains).collect()
+}
+
+/// What [`stored_gains`] stored for so many steps; none if it is something else.
+pub(super) fn recorded_gains(stored: &[f64], steps: usize) -> Option<Vec<[f64; 2]>> {
+    let usable = stored.iter().all(|g| g.is_finite() && *g != 0.0);
+    match stored.len() {
+        n if n == steps && usable => Some(stored.iter().map(|&g| [g, g]).collect()),
+        n if n == 2 * steps && usable => Some(stored.chunks(2).map(|g| [g[0], g[1]]).collect()),
+        _ => None,
+    }
 }
 
 /// What a run shows and how it is reduced, computed before anything moves.
 struct Prepared {
     pairs: Vec<LobePair>,
+    steps: Vec<Step>,
     camera: OpticalMap,
     reducer: Reducer,
 }
@@ -187,16 +215,24 @@ struct Prepared {
 impl Prepared {
     fn new(request: &Request<'_>) -> Result<Self, MeasureError> {
         let Request { rig, plan, calibration, provenance, .. } = *request;
+        plan.check()?;
+        if plan.adaptive.is_some() && request.adviser.is_none() {
+            return Err(MeasureError::NoAdviser);
+        }
         let pairs = lobe_pairs(rig, plan, calibration)?;
-        let gains: Vec<f64> = pairs.iter().map(|p| p.gain).collect();
+        let gains = pairs.iter().map(|p| p.gains).collect();
         let camera = calibration.maps(rig).camera;
-        let reducer = reducer(rig, plan, &camera, &gains, calibration, provenance)?;
-        Ok(Self { pairs, camera, reducer })
+        let reducer = reducer(rig, plan, &camera, gains, calibration, provenance)?;
+        Ok(Self { pairs, steps: plan.steps(rig.zone()), camera, reducer })
     }
 }
 
 struct Captured {
     reducer: Reducer,
+    /// What the coefficients are made from.
+    steps: Vec<usize>,
+    isotropic: bool,
+    decisions: Vec<Decision>,
     first_response: ResponseImage,
     last_frame: Instant,
     summary: RunSummary,
@@ -210,8 +246,7 @@ fn capture(
     progress: &mut Progress<'_>,
 ) -> Result<Captured, MeasureError> {
     let Request { rig, plan, calibration, control, .. } = *request;
-    let Prepared { pairs, camera, mut reducer } = prepared;
-    let gains: Vec<f64> = pairs.iter().map(|p| p.gain).collect();
+    let Prepared { pairs, steps, camera, reducer } = prepared;
     let rig = &calibration.rig(rig);
     let patterns: Vec<Pattern> = pairs.iter().flat_map(|p| p.patterns.clone()).collect();
     let timing = Timing::of(rig);
@@ -223,8 +258,8 @@ fn capture(
     let exposer: &mut dyn Exposer = match &plan.automatic {
         Some(target) => {
             let cells = CellMap::new(rig, &camera, crop, exitant_grid(rig, plan))?;
-            automatic =
-                AutomaticExposer::new(target, &timing, sensor(rig), cells, calibration.scale.clone(), gains.clone());
+            let scale = calibration.scale.clone();
+            automatic = AutomaticExposer::new(target, &timing, sensor(rig), cells, scale, &pairs, &steps);
             &mut automatic
         }
         None => {
@@ -239,8 +274,18 @@ fn capture(
         progress(done, all);
     };
     let mut first_response = None;
+    let stages = plan.stages(rig.zone());
+    let reducer = Mutex::new(reducer);
+    let mut all = AllSteps::new(pairs.len());
+    let mut adapting = None;
+    let director: &mut dyn Director = match (plan.adaptive, request.adviser) {
+        (Some(target), Some(adviser)) => adapting.insert(Adapting::new(&stages, &reducer, adviser, target)),
+        _ => &mut all,
+    };
     let run = Run {
         patterns: &patterns,
+        mixed: plan.is_mixed(),
+        director,
         repeats: plan.repeats,
         exposer,
         longest_s,
@@ -249,11 +294,17 @@ fn capture(
         folder,
     };
     let summary = Engine::new(rig, bench, control.clone()).run(run, &mut timed, |lobe, response| {
-        reducer.add(lobe, &response);
+        reducer.lock().unwrap_or_else(PoisonError::into_inner).add(lobe, &response);
         first_response.get_or_insert(response);
     })?;
+    let (steps, isotropic, decisions) = match adapting {
+        Some(Adapting { failure: Some(failure), .. }) => return Err(failure.into()),
+        Some(a) => (a.steps.clone(), a.isotropic(), a.decisions),
+        None => ((0..pairs.len()).collect(), plan.scheme.is_isotropic(), Vec::new()),
+    };
+    let reducer = reducer.into_inner().unwrap_or_else(PoisonError::into_inner);
     let first_response = first_response.expect("a plan has lobes");
-    Ok(Captured { reducer, first_response, last_frame, summary })
+    Ok(Captured { reducer, steps, isotropic, decisions, first_response, last_frame, summary })
 }
 
 fn exitant_grid(rig: &Rig, plan: &Plan) -> ExitantGrid {
@@ -264,13 +315,13 @@ pub(super) fn reducer(
     rig: &Rig,
     plan: &Plan,
     camera: &OpticalMap,
-    gains: &[f64],
+    gains: Vec<[f64; 2]>,
     calibration: &CalibrationSet,
     provenance: &Provenance,
 ) -> Result<Reducer, ReduceError> {
     let cells = CellMap::new(rig, camera, Crop::of_map(rig, camera), exitant_grid(rig, plan))?;
     let history = provenance.history(rig, plan);
-    let reducer = Reducer::new(cells, plan.order, gains.to_vec(), calibration.scale.clone(), history);
+    let reducer = Reducer::new(cells, plan.steps(rig.zone()), gains, calibration.scale.clone(), history);
     match &calibration.black_trap {
         Some(trap) => reducer.less_stray(trap),
         None => Ok(reducer),
@@ -294,9 +345,17 @@ fn finish(
     started: Instant,
     folder: Option<&RunFolder>,
 ) -> Result<Measurement, MeasureError> {
-    let RunSummary { effort, frames, rejected, latency_s, tagged, light, light_sigma } = captured.summary;
+    let RunSummary { effort, frames, images, rig_time, elapsed_s, preparation_s, .. } = captured.summary;
+    let RunSummary { rejected, latency_s, tagged, light, light_sigma, .. } = captured.summary;
     record.saturated_fraction = captured.reducer.saturated_fraction();
     record.frames = frames;
+    record.images = images / request.plan.repeats;
+    // What was really taken, where that was not known beforehand.
+    if request.plan.automatic.is_some() || request.plan.adaptive.is_some() {
+        (record.rig_s, record.rig_s_items) = (rig_time.total_s(), rig_time);
+    }
+    let Captured { steps, isotropic, decisions, .. } = &captured;
+    (record.steps, record.isotropic, record.decisions) = (steps.clone(), *isotropic, decisions.clone());
     record.capture = CaptureRecord {
         rejected,
         skipped: effort.skipped,
@@ -305,9 +364,14 @@ fn finish(
         tagged,
         lamp: light,
         lamp_sigma: light_sigma,
+        elapsed_s,
+        preparation_s,
         ..record.capture
     };
-    let coefficients = in_colours(captured.reducer.finish()?, request.calibration, request.plan.colour_space())?;
+    let Reduced { coefficients, anisotropy } = captured.reducer.finish(steps, *isotropic)?;
+    record.anisotropy = anisotropy;
+    record.order = coefficients.order;
+    let coefficients = in_colours(coefficients, request.calibration, request.plan.colour_space())?;
     record.noise_rel = coefficients.noise_rel();
     let evidence = Evidence::new(request.rig, &request.calibration.check, &record.capture);
     record.budget = Some(Budget::new(&coefficients, &evidence, &record.provenance.assumed));

@@ -1,4 +1,4 @@
-//! Positive and negative lobes of the zonal functions, integrated over the projector's pixels.
+//! Zonal functions and their mixtures as light, integrated over the projector's pixels.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -6,34 +6,46 @@ use std::sync::Arc;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::basis::{Harmonics, OrderError, lm, size};
+use super::Step;
+use crate::basis::{Harmonics, OrderError, lm};
 use crate::geometry::Zone;
 use crate::optics::OpticalMap;
 use crate::radiometry::{FlatField, Response};
 use crate::store::{self, Layers, Plane, StoreError};
 
-/// Which part of a function is shown: light cannot be negative.
+/// Which frame of a step is shown; light cannot be negative.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Sign {
-    /// max(Z, 0).
+    /// max(Z, 0), or the first of two lights.
     Positive,
-    /// max(-Z, 0).
+    /// max(-Z, 0), or the second of two lights.
     Negative,
 }
 
-/// One lobe of the zonal function k = l(l+1) + m.
+/// One frame of a plan: a lobe of the zonal function k = l(l+1) + m, or of a mixture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Lobe {
-    /// Index of the function.
+    /// Number of the step: where functions are shown by themselves, the index of the function.
     pub k: usize,
     /// Which part of it.
     pub sign: Sign,
+    /// Whether steps are numbers and no functions: in every scheme but `pairs`.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub mixed: bool,
 }
 
 impl Lobe {
-    /// A file name stem that sorts in the order of showing: `004_l2_m-2_a` for a positive, `_b` for a negative lobe.
+    /// Both frames of a step.
+    pub fn both(k: usize, mixed: bool) -> [Self; 2] {
+        [Sign::Positive, Sign::Negative].map(|sign| Self { k, sign, mixed })
+    }
+
+    /// A file name stem that sorts in the order of showing: `004_l2_m-2_a_positive`, or `004_a` where functions are mixed.
     pub fn stem(&self) -> String {
+        if self.mixed {
+            return format!("{:03}_{}", self.k, if self.sign == Sign::Positive { 'a' } else { 'b' });
+        }
         let (l, m) = lm(self.k);
         let part = match self.sign {
             Sign::Positive => "a_positive",
@@ -107,35 +119,35 @@ impl Pattern {
     }
 }
 
-/// The two frames of one function, with the one scale they share.
+/// The two frames of one step, with the one scale they share.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LobePair {
-    /// Index of the function.
+    /// Number of the step.
     pub k: usize,
-    /// The positive and the negative lobe.
+    /// Its two frames.
     pub patterns: [Pattern; 2],
-    /// Light, in units of full white, that stands for a function value of 1: the same for both lobes, so that black level
+    /// Light, in units of full white, that stands for a function value of 1: the same for both frames, so that black level
     /// and ambient light cancel in their difference.
     pub scale: f64,
-    /// `scale` times what 8-bit codes leave of it: the share of the function in the light that is really shown. The lobe
-    /// difference is divided by this.
-    pub gain: f64,
+    /// `scale` times what 8-bit codes leave of it: the share of the mixture in the light that is really shown. Rates of each
+    /// frame are divided by this; the same for both where their difference is what counts.
+    pub gains: [f64; 2],
 }
 
-/// The lobes of a zonal basis on one projector, before encoding.
+/// The frames of a scheme on one projector, before encoding.
 ///
-/// Each pixel shows the mean of max(+-Z, 0) over its area; the zone's edge is antialiased by the same integral, and all
+/// Each pixel shows the mean of a step's light over its area; the zone's edge is antialiased by the same integral, and all
 /// is black outside.
 #[derive(Debug, Clone)]
 pub struct Lobes {
-    order: usize,
+    steps: Vec<Step>,
     width: usize,
     height: usize,
     /// (u0, v0, u1, v1): nothing is lit outside.
     bounds: [usize; 4],
     /// Solid angle of each pixel in `bounds`, sr; 0 beyond the zone.
     solid_angle: Vec<f32>,
-    /// Per function, per pixel in `bounds`: means of max(Z, 0) and max(-Z, 0).
+    /// Per step, per pixel in `bounds`: means of its two lights.
     parts: Vec<[Vec<f32>; 2]>,
 }
 
@@ -143,25 +155,31 @@ pub struct Lobes {
 const SUBSAMPLES: usize = 8;
 
 impl Lobes {
-    /// Integrates all functions of `zone` up to `order` over the pixels of a panel.
+    /// Integrates the lights of `steps` in functions of `zone` over the pixels of a panel.
     ///
     /// # Errors
     /// [`OrderError`].
     ///
     /// # Panics
     /// If the zone lies beyond the map's dome; a checked rig's does not.
-    pub fn new(map: &OpticalMap, zone: Zone, order: usize, width: usize, height: usize) -> Result<Self, OrderError> {
+    pub fn new(
+        map: &OpticalMap,
+        zone: Zone,
+        steps: Vec<Step>,
+        width: usize,
+        height: usize,
+    ) -> Result<Self, OrderError> {
+        let order = steps.iter().map(Step::order).max().unwrap_or(0);
         let basis = Harmonics::zonal(zone, order)?;
         let bounds = map.bounding_box(&zone, width, height).expect("a checked rig shows its zone");
         let [u0, v0, u1, v1] = bounds;
-        let n = size(order);
         let pixels: Vec<(f32, Vec<[f32; 2]>)> = (0..(u1 - u0) * (v1 - v0))
             .into_par_iter()
             .map_init(
-                || (vec![0.0; n], vec![[0.0f64; 2]; n]),
+                || (vec![0.0; basis.len()], vec![[0.0f64; 2]; steps.len()]),
                 |(values, sums), p| {
                     let (u, v) = ((u0 + p % (u1 - u0)) as f64, (v0 + p / (u1 - u0)) as f64);
-                    let lit = integrate_pixel(map, &basis, u, v, values, sums);
+                    let lit = integrate_pixel(map, &basis, &steps, u, v, values, sums);
                     if lit == 0 {
                         return (0.0, Vec::new());
                     }
@@ -172,17 +190,27 @@ impl Lobes {
             )
             .collect();
         let part = |k: usize, s: usize| pixels.iter().map(|p| p.1.get(k).map_or(0.0, |m| m[s])).collect();
-        let parts = (0..n).into_par_iter().map(|k| [part(k, 0), part(k, 1)]).collect();
+        let parts = (0..steps.len()).into_par_iter().map(|k| [part(k, 0), part(k, 1)]).collect();
         let solid_angle = pixels.iter().map(|p| p.0).collect();
-        Ok(Self { order, width, height, bounds, solid_angle, parts })
+        Ok(Self { steps, width, height, bounds, solid_angle, parts })
     }
 
-    /// The order.
-    pub fn order(&self) -> usize {
-        self.order
+    /// Number of steps.
+    pub fn len(&self) -> usize {
+        self.steps.len()
     }
 
-    /// The frames of function `k`: scaled, divided by the flat field, sent through the inverse response, quantised.
+    /// Whether nothing is shown.
+    pub fn is_empty(&self) -> bool {
+        self.steps.is_empty()
+    }
+
+    /// The frames of all steps.
+    pub fn encode_all(&self, response: &Response, flat: &FlatField) -> Vec<LobePair> {
+        (0..self.len()).into_par_iter().map(|k| self.encode(k, response, flat)).collect()
+    }
+
+    /// The frames of step `k`: scaled, divided by the flat field, sent through the inverse response, quantised.
     pub fn encode(&self, k: usize, response: &Response, flat: &FlatField) -> LobePair {
         let [u0, v0, u1, _] = self.bounds;
         let flat_at = |p: usize| f64::from(flat.values[(v0 + p / (u1 - u0)) * self.width + u0 + p % (u1 - u0)]);
@@ -192,7 +220,9 @@ impl Lobes {
             .flat_map(|part| part.iter().enumerate().map(|(p, &value)| f64::from(value) / flat_at(p)))
             .fold(0.0, f64::max);
         let scale = 1.0 / peak;
-        let (mut shown_power, mut wanted_power) = (0.0, 0.0);
+        let apart = matches!(self.steps[k], Step::Lights(_));
+        // Power shown and wanted, by frame.
+        let mut powers = [[0.0; 2]; 2];
         let patterns = [0, 1].map(|s| {
             let mut codes = vec![0u8; self.width * self.height];
             for p in 0..pixels {
@@ -203,17 +233,20 @@ impl Lobes {
                 let code = response.code(value * scale / flat_at(p));
                 codes[(v0 + p / (u1 - u0)) * self.width + u0 + p % (u1 - u0)] = code;
                 let shown = response.level(code) * flat_at(p);
-                let z = f64::from(self.parts[k][0][p]) - f64::from(self.parts[k][1][p]);
-                let weight = if s == 0 { z } else { -z } * f64::from(self.solid_angle[p]);
-                shown_power += shown * weight;
-                wanted_power += value * scale * weight;
+                // Where the difference counts, light of the other part in the same pixel works against this one's.
+                let other = if apart { 0.0 } else { f64::from(self.parts[k][1 - s][p]) };
+                let weight = (value - other) * f64::from(self.solid_angle[p]);
+                powers[s][0] += shown * weight;
+                powers[s][1] += value * scale * weight;
             }
             Pattern { width: self.width, height: self.height, codes: codes.into(), light: Primary::White }
         });
-        LobePair { k, patterns, scale, gain: scale * shown_power / wanted_power }
+        let both = [powers[0][0] + powers[1][0], powers[0][1] + powers[1][1]];
+        let gains = powers.map(|own| if apart { own } else { both }).map(|[shown, wanted]| scale * shown / wanted);
+        LobePair { k, patterns, scale, gains }
     }
 
-    /// Writes the linear, signed function as shown by ideal pixels (1/sqrt(sr)) to an OpenEXR file.
+    /// Writes the linear, signed mixture, or the difference of two lights, as shown by ideal pixels (1/sqrt(sr)) to an OpenEXR file.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -225,17 +258,18 @@ impl Lobes {
         }
         let mut image = Layers::new(self.width, self.height);
         image.plane("Y", Plane::Float(values));
-        image.attribute("zonal_content", "zonal basis function, mean over each projector pixel");
+        image.attribute("zonal_content", "zonal basis function or mixture, mean over each projector pixel");
         image.attribute("zonal_units", "1/sqrt(sr)");
         image.attribute("zonal_k", k as f64);
         image.write(path)
     }
 }
 
-/// Adds up both parts of all functions over the pixel with the corner (u, v); the number of subsamples in the zone.
+/// Adds up both lights of all steps over the pixel with the corner (u, v); the number of subsamples in the zone.
 fn integrate_pixel(
     map: &OpticalMap,
     basis: &Harmonics,
+    steps: &[Step],
     u: f64,
     v: f64,
     values: &mut [f64],
@@ -254,9 +288,10 @@ fn integrate_pixel(
             }
             lit += 1;
             basis.eval_direction_into(&d, values);
-            for (sum, &z) in sums.iter_mut().zip(values.iter()) {
-                sum[0] += z.max(0.0);
-                sum[1] += (-z).max(0.0);
+            for (sum, step) in sums.iter_mut().zip(steps) {
+                let lights = step.lights(values);
+                sum[0] += lights[0];
+                sum[1] += lights[1];
             }
         }
     }
@@ -270,12 +305,19 @@ fn solid_angle(map: &OpticalMap, u: f64, v: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::basis::size;
     use crate::optics::Rig;
+    use crate::patterns::Scheme;
 
     fn lobes(order: usize) -> (Rig, Lobes) {
+        shown(Scheme::Pairs, order)
+    }
+
+    fn shown(scheme: Scheme, order: usize) -> (Rig, Lobes) {
         let rig = Rig::from_toml(include_str!("../../optics/ghosh-2007-built.toml")).unwrap();
         let p = &rig.projector;
-        let lobes = Lobes::new(&rig.projector_map(), rig.zone(), order, p.width_px, p.height_px).unwrap();
+        let steps = scheme.steps(rig.zone(), order).unwrap();
+        let lobes = Lobes::new(&rig.projector_map(), rig.zone(), steps, p.width_px, p.height_px).unwrap();
         (rig, lobes)
     }
 
@@ -316,7 +358,8 @@ mod tests {
             let brightest = pair.patterns.iter().flat_map(|p| p.codes.iter().copied()).max().unwrap();
             assert_eq!(brightest, 255, "{k}");
             // 8 bits over some 85,000 pixels: the mean quantisation error vanishes.
-            assert!((pair.gain / pair.scale - 1.0).abs() < 3e-3, "{k}: {} {}", pair.gain, pair.scale);
+            assert!((pair.gains[0] / pair.scale - 1.0).abs() < 3e-3, "{k}: {:?} {}", pair.gains, pair.scale);
+            assert_eq!(pair.gains[0], pair.gains[1]);
         }
         let dc = lobes.encode(0, &Response::linear(), &flat);
         assert!(dc.patterns[1].codes.iter().all(|&c| c == 0), "the partner of the constant is black");

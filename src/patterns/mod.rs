@@ -3,9 +3,11 @@
 mod fringes;
 mod lobes;
 mod plan;
+mod scheme;
 mod tag;
 
 pub use fringes::{Coordinate, Fringes};
 pub use lobes::{Lobe, LobePair, Lobes, Pattern, Primary, Sign};
-pub use plan::{AutomaticBracket, Colour, Exitant, ExposureBracket, Plan, PlanError, RigTime, Timing};
+pub use plan::{Adaptive, AutomaticBracket, Colour, Exitant, ExposureBracket, Plan, PlanError, RigTime, Stage, Timing};
+pub use scheme::{HIGHEST_MIXED, Mixture, Scheme, SchemeError, Step, noise_advantage};
 pub use tag::{Rect, TagBit, TagLayout};

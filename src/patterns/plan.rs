@@ -1,10 +1,13 @@
 //! The acquisition plan: frozen, versioned data that iterates into events.
 
+use std::ops::Range;
+
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::{Lobe, Sign};
-use crate::basis::size;
+use super::scheme::growing_steps;
+use super::{HIGHEST_MIXED, Lobe, Scheme, SchemeError, Step};
+use crate::geometry::Zone;
 use crate::optics::Rig;
 use crate::radiometry::ColourSpace;
 
@@ -38,6 +41,21 @@ pub enum PlanError {
         /// The value found.
         value: f64,
     },
+    /// The scheme does not know the order.
+    #[error(transparent)]
+    Scheme(#[from] SchemeError),
+    /// An adaptive plan says what it leaves to be found out.
+    #[error("an adaptive plan chooses its own {key}: leave it out")]
+    Adaptive {
+        /// What it has.
+        key: &'static str,
+    },
+    /// A target outside its range.
+    #[error("adaptive.gain_rel = {value} is out of range: choose 0.001..=0.5, the share of the error a further step must save")]
+    Gain {
+        /// The value found.
+        value: f64,
+    },
     /// A number outside its range.
     #[error("{key} = {value} is out of range: choose {expected}")]
     Range {
@@ -50,7 +68,7 @@ pub enum PlanError {
     },
 }
 
-/// An acquisition: every lobe of the zonal basis up to an order, in a bracket of exposures.
+/// An acquisition: every function of the zonal basis up to an order, by a scheme, in a bracket of exposures.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plan {
@@ -58,8 +76,11 @@ pub struct Plan {
     pub format: u32,
     /// Name of the plan.
     pub name: String,
-    /// Zonal order L: (L+1)^2 functions, two lobes each.
+    /// Zonal order L: (L+1)^2 functions; the highest there may be where the plan is adaptive.
     pub order: usize,
+    /// In which combinations functions are shown.
+    #[serde(default, skip_serializing_if = "is_pairs")]
+    pub scheme: Scheme,
     /// How often the whole sequence is taken.
     pub repeats: usize,
     /// Exposures of every lobe, the same for all.
@@ -68,11 +89,44 @@ pub struct Plan {
     /// What exposures of each pair of lobes are to reach, chosen while it is measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub automatic: Option<AutomaticBracket>,
+    /// Takes what each sample needs, and no more; without it everything is taken.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub adaptive: Option<Adaptive>,
     /// Grid of exitant directions the coefficients are reported on.
     pub exitant: Exitant,
     /// Colours the coefficients are reported in; the camera's if it is not there.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub colour: Option<Colour>,
+}
+
+fn is_pairs(scheme: &Scheme) -> bool {
+    *scheme == Scheme::Pairs
+}
+
+/// When an adaptive acquisition stops.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Adaptive {
+    /// Share of its error that a further step must be expected to save.
+    pub gain_rel: f64,
+}
+
+impl Default for Adaptive {
+    /// A twentieth: half of what an observer of two renderings could tell.
+    fn default() -> Self {
+        Self { gain_rel: 0.05 }
+    }
+}
+
+/// Steps of a plan that are taken together.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Stage {
+    /// Which of [`Plan::steps`].
+    pub steps: Range<usize>,
+    /// The highest degree known after it.
+    pub order: usize,
+    /// Whether it takes the sample to be isotropic.
+    pub isotropic: bool,
 }
 
 /// Colours of a result.
@@ -140,7 +194,7 @@ impl Timing {
 }
 
 /// Predicted wall time on the physical rig, seconds, and what it is spent on.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct RigTime {
     /// Shutter open.
     pub exposure_s: f64,
@@ -148,14 +202,55 @@ pub struct RigTime {
     pub readout_wait_s: f64,
     /// Pattern changes that such waiting does not hide.
     pub pattern_change_s: f64,
+    /// Deciding what to take next, while the rig waits.
+    #[serde(default)]
+    pub decision_s: f64,
 }
 
 impl RigTime {
     /// All together, s.
     pub fn total_s(&self) -> f64 {
-        self.exposure_s + self.readout_wait_s + self.pattern_change_s
+        self.exposure_s + self.readout_wait_s + self.pattern_change_s + self.decision_s
+    }
+
+    /// One pattern under these exposures, s.
+    pub fn of_pattern(exposures_s: &[f64], timing: &Timing) -> Self {
+        let open: f64 = exposures_s.iter().sum();
+        let frame = |e: f64| (e + timing.readout_s).max(timing.min_frame_s);
+        let frames: f64 = exposures_s.iter().map(|&e| frame(e)).sum();
+        let idle = exposures_s.last().map_or(0.0, |&e| frame(e) - e);
+        Self {
+            exposure_s: open,
+            readout_wait_s: frames - open,
+            pattern_change_s: (timing.refresh_s - idle).max(0.0),
+            decision_s: 0.0,
+        }
+    }
+
+    /// The same `n` times.
+    pub fn times(self, n: usize) -> Self {
+        let n = n as f64;
+        Self {
+            exposure_s: n * self.exposure_s,
+            readout_wait_s: n * self.readout_wait_s,
+            pattern_change_s: n * self.pattern_change_s,
+            decision_s: n * self.decision_s,
+        }
+    }
+
+    /// One after the other.
+    pub fn and(self, other: Self) -> Self {
+        Self {
+            exposure_s: self.exposure_s + other.exposure_s,
+            readout_wait_s: self.readout_wait_s + other.readout_wait_s,
+            pattern_change_s: self.pattern_change_s + other.pattern_change_s,
+            decision_s: self.decision_s + other.decision_s,
+        }
     }
 }
+
+/// Highest order up to which an adaptive plan follows an anisotropic sample: 49 pairs of lobes.
+const ADAPTIVE_PAIRS: usize = 6;
 
 impl Plan {
     /// The built-in plan of an order: three exposures of 1, 4 and 16 refresh periods.
@@ -164,12 +259,25 @@ impl Plan {
             format: FORMAT,
             name: format!("order-{order}"),
             order,
+            scheme: Scheme::Pairs,
             repeats: 1,
             exposure: Some(ExposureBracket { count: 3, shortest_refreshes: 1, spacing: 4 }),
             automatic: None,
+            adaptive: None,
             exitant: Exitant { rings: 32, sectors: 64 },
             colour: None,
         }
+    }
+
+    /// The same plan by another scheme.
+    pub fn by(self, scheme: Scheme) -> Self {
+        let name = format!("{}-{scheme}", self.name);
+        Self { scheme, name, ..self }
+    }
+
+    /// The same plan taking no more than a sample needs.
+    pub fn adapted(self, adaptive: Adaptive) -> Self {
+        Self { adaptive: Some(adaptive), scheme: Scheme::Pairs, repeats: 1, ..self }
     }
 
     /// Reads and checks a plan file's text.
@@ -197,9 +305,54 @@ impl Plan {
         Self { colour: Some(Colour { space }), ..self }
     }
 
-    /// Number of patterns: two lobes for every function.
+    /// What is shown, a pair of frames each; for an adaptive plan all that it may come to.
+    pub fn steps(&self, zone: Zone) -> Vec<Step> {
+        if self.adaptive.is_none() {
+            return self.scheme.steps(zone, self.order).expect("checked");
+        }
+        let growing = growing_steps(zone, self.order.min(HIGHEST_MIXED)).into_iter().flat_map(|(_, steps)| steps);
+        growing.chain(Scheme::Pairs.steps(zone, self.order.min(ADAPTIVE_PAIRS)).expect("any order")).collect()
+    }
+
+    /// Which steps are taken together: all, or what an adaptive plan decides between.
+    pub fn stages(&self, zone: Zone) -> Vec<Stage> {
+        if self.adaptive.is_none() {
+            let isotropic = self.scheme.is_isotropic();
+            return vec![Stage { steps: 0..self.step_count(), order: self.order, isotropic }];
+        }
+        let mut stages = Vec::new();
+        let mut next = 0;
+        let mut stage = |order: usize, count: usize, isotropic: bool| {
+            stages.push(Stage { steps: next..next + count, order, isotropic });
+            next += count;
+        };
+        for (order, steps) in growing_steps(zone, self.order.min(HIGHEST_MIXED)) {
+            stage(order, steps.len(), true);
+        }
+        stage(2, 9, false);
+        for order in 3..=self.order.min(ADAPTIVE_PAIRS) {
+            stage(order, 2 * order + 1, false);
+        }
+        stages
+    }
+
+    /// Number of steps; those that an adaptive plan takes of any sample.
+    pub fn step_count(&self) -> usize {
+        match self.adaptive {
+            Some(_) => Scheme::Isotropic.step_count(2),
+            None => self.scheme.step_count(self.order),
+        }
+        .expect("checked")
+    }
+
+    /// Number of patterns: two for every step.
     pub fn images(&self) -> usize {
-        2 * size(self.order)
+        2 * self.step_count()
+    }
+
+    /// Whether steps are no functions.
+    pub fn is_mixed(&self) -> bool {
+        self.scheme != Scheme::Pairs || self.adaptive.is_some()
     }
 
     /// Number of camera frames; for automatic exposures those of two for each lobe.
@@ -221,27 +374,22 @@ impl Plan {
         }
     }
 
-    /// The lobes in the order they are shown.
-    pub fn lobes(&self) -> impl Iterator<Item = Lobe> + use<> {
-        (0..size(self.order)).flat_map(|k| [Sign::Positive, Sign::Negative].map(|sign| Lobe { k, sign }))
+    /// The frames of these steps, in the order they are shown.
+    pub fn lobes(&self, steps: impl IntoIterator<Item = usize>) -> impl Iterator<Item = Lobe> {
+        let mixed = self.is_mixed();
+        steps.into_iter().flat_map(move |k| Lobe::both(k, mixed))
     }
 
     /// Wall time on the physical rig, in closed form.
     pub fn rig_time(&self, timing: &Timing) -> RigTime {
-        let exposures = self.exposures_s(timing);
-        let shown = (self.images() * self.repeats) as f64;
-        let open: f64 = exposures.iter().sum();
-        let frame = |e: f64| (e + timing.readout_s).max(timing.min_frame_s);
-        let frames: f64 = exposures.iter().map(|&e| frame(e)).sum();
-        let idle = exposures.last().map_or(0.0, |&e| frame(e) - e);
-        RigTime {
-            exposure_s: shown * open,
-            readout_wait_s: shown * (frames - open),
-            pattern_change_s: shown * (timing.refresh_s - idle).max(0.0),
-        }
+        RigTime::of_pattern(&self.exposures_s(timing), timing).times(self.images() * self.repeats)
     }
 
-    fn check(&self) -> Result<(), PlanError> {
+    /// Whether it can be run.
+    ///
+    /// # Errors
+    /// [`PlanError`], naming key and remedy.
+    pub fn check(&self) -> Result<(), PlanError> {
         if self.format > FORMAT {
             return Err(PlanError::Format { found: self.format });
         }
@@ -255,6 +403,13 @@ impl Plan {
         };
         within("order", self.order as u64, 0, MAX_PLAN_ORDER as u64, "0..=20")?;
         within("repeats", self.repeats as u64, 1, 1000, "1..=1000")?;
+        match self.adaptive {
+            Some(_) if !is_pairs(&self.scheme) => return Err(PlanError::Adaptive { key: "scheme" }),
+            Some(_) if self.repeats != 1 => return Err(PlanError::Adaptive { key: "repeats" }),
+            Some(a) if !(1e-3..=0.5).contains(&a.gain_rel) => return Err(PlanError::Gain { value: a.gain_rel }),
+            Some(_) => within("order", self.order as u64, 2, MAX_PLAN_ORDER as u64, "2..=20")?,
+            None => drop(self.scheme.step_count(self.order)?),
+        }
         if let Some(e) = &self.exposure {
             within("exposure.count", e.count.into(), 1, 8, "1..=8")?;
             within("exposure.shortest_refreshes", e.shortest_refreshes.into(), 1, 600, "1..=600")?;

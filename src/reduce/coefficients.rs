@@ -17,7 +17,7 @@ pub struct Coefficients {
     pub grid: ExitantGrid,
     /// Zonal order L.
     pub order: usize,
-    /// Values: index `(k * 3 + channel) * grid.len() + cell`.
+    /// Values: index `(k * 3 + channel) * grid.len() + cell`; NaN where nothing was measured.
     pub values: Vec<f32>,
     /// Standard errors, indexed alike. Neighbouring cells are correlated by at most 10%.
     pub sigma: Vec<f32>,
@@ -59,9 +59,20 @@ impl Coefficients {
         }
     }
 
+    /// RMS of z_00 over directions and channels; NaN cells left out.
+    pub fn dc(&self) -> f64 {
+        rms(&self.values[..3 * self.grid.len()])
+    }
+
+    /// The highest order up to which every function has been measured.
+    pub fn complete_order(&self) -> usize {
+        let measured = |k: usize| (0..3).any(|c| self.plane(k, c).iter().any(|z| z.is_finite()));
+        (0..=self.order).take_while(|&l| (size(l) - 2 * l - 1..size(l)).all(measured)).last().unwrap_or(0)
+    }
+
     /// RMS of the standard errors over RMS of z_00, both over directions and channels; NaN cells left out.
     pub fn noise_rel(&self) -> f64 {
-        rms(&self.sigma) / rms(&self.values[..3 * self.grid.len()])
+        rms(&self.sigma) / self.dc()
     }
 
     /// The colours it is given in.

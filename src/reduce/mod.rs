@@ -2,6 +2,7 @@
 
 mod cells;
 mod coefficients;
+mod decoder;
 mod reducer;
 mod turning;
 
@@ -12,7 +13,7 @@ use crate::store::StoreError;
 
 pub use cells::{CellMap, CellResponse};
 pub use coefficients::{CHANNEL_NAMES, CONVENTION, Coefficients};
-pub use reducer::{ChannelScale, Reducer};
+pub use reducer::{ChannelScale, Reduced, Reducer};
 
 /// Why responses cannot be reduced.
 #[derive(Debug, Error)]
@@ -31,12 +32,23 @@ pub enum ReduceError {
         channel: &'static str,
     },
     /// A response is missing.
-    #[error("the responses end after {found} of {expected} lobes: measure again")]
+    #[error("the responses end after {found} of {expected} frames: measure again")]
     Incomplete {
-        /// Lobes seen.
+        /// Frames of steps whose both frames were seen.
         found: usize,
-        /// Lobes the plan has.
+        /// Frames that are needed.
         expected: usize,
+    },
+    /// Frames that are no pairs need a black one.
+    #[error("no black frame was taken, which frames of this scheme are to be compared with: measure again")]
+    NoBlack,
+    /// Frames that do not tell their functions apart.
+    #[error("{rows} combinations of frames do not determine {functions} coefficients: ask for more exitant.sectors in the plan")]
+    Undetermined {
+        /// Combinations with a meaning.
+        rows: usize,
+        /// Coefficients wanted.
+        functions: usize,
     },
     /// No noise can be given for a measurement without a signal.
     #[error(

@@ -1,12 +1,13 @@
-//! Lobe differences, scaled, as zonal coefficients.
+//! Responses to a scheme's frames as zonal coefficients.
 
 use serde::{Deserialize, Serialize};
 
+use super::decoder::{Taken, any_sample, isotropic_sample};
 use super::{CellMap, CellResponse, Coefficients, ReduceError};
 use crate::basis::size;
 use crate::capture::ResponseImage;
 use crate::geometry::{ExitantGrid, Zone};
-use crate::patterns::{Lobe, Sign};
+use crate::patterns::{Lobe, Sign, Step};
 
 /// What turns lobe differences in electrons per second into coefficients: one smooth curve over theta_o per channel.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -30,46 +31,35 @@ impl ChannelScale {
     }
 }
 
-/// Takes responses lobe by lobe, positive before negative, and gives the coefficients.
+/// Takes the responses to a scheme's frames, in any order, and gives the coefficients.
 pub struct Reducer {
     cells: CellMap,
-    order: usize,
-    /// Divisor of each lobe difference: [`crate::patterns::LobePair::gain`].
-    gains: Vec<f64>,
+    steps: Vec<Step>,
+    /// Divisors of the rates of each step's frames: [`crate::patterns::LobePair::gains`].
+    gains: Vec<[f64; 2]>,
     scale: ChannelScale,
-    /// A positive lobe that waits for its negative: index and response.
-    positive: Option<(usize, CellResponse)>,
-    /// Pairs whose two lobes came one after the other.
-    pairs: usize,
-    values: Vec<f32>,
-    sigma: Vec<f32>,
-    lobes: usize,
+    /// By step: the responses to its frames.
+    responses: Vec<[Option<CellResponse>; 2]>,
     saturated: usize,
     pixels: usize,
     history: String,
     stray: Option<Coefficients>,
 }
 
+/// Coefficients, and how far the sample departs from what was assumed of it.
+pub struct Reduced {
+    /// The coefficients; functions that no step shows are NaN.
+    pub coefficients: Coefficients,
+    /// RMS deviation of a coefficient from isotropy beyond noise, over RMS z_00; 0 where isotropy was not assumed.
+    pub anisotropy: f64,
+}
+
 impl Reducer {
-    /// A reducer for (order+1)^2 pairs of lobes; `history` goes into the coefficients.
-    pub fn new(cells: CellMap, order: usize, gains: Vec<f64>, scale: ChannelScale, history: String) -> Self {
-        assert_eq!(gains.len(), size(order), "one gain for each function");
-        let n = size(order) * 3 * cells.grid().len();
-        Self {
-            cells,
-            order,
-            gains,
-            scale,
-            positive: None,
-            pairs: 0,
-            values: vec![f32::NAN; n],
-            sigma: vec![f32::NAN; n],
-            lobes: 0,
-            saturated: 0,
-            pixels: 0,
-            history,
-            stray: None,
-        }
+    /// A reducer for these steps; `history` goes into the coefficients.
+    pub fn new(cells: CellMap, steps: Vec<Step>, gains: Vec<[f64; 2]>, scale: ChannelScale, history: String) -> Self {
+        assert_eq!(gains.len(), steps.len(), "gains for each step");
+        let responses = steps.iter().map(|_| [None, None]).collect();
+        Self { cells, steps, gains, scale, responses, saturated: 0, pixels: 0, history, stray: None }
     }
 
     /// Takes stray light away: what a black trap in the sample's place sent, in coefficients of [`ChannelScale::unit`] over
@@ -81,82 +71,86 @@ impl Reducer {
         let grid = self.cells.grid();
         let cells = |grid: ExitantGrid| (grid.rings(), grid.sectors());
         let alike = cells(stray.grid) == cells(grid) && stray.grid.zone().is_close(&grid.zone());
-        if !alike || stray.order < self.order {
+        let order = self.steps.iter().map(Step::order).max().unwrap_or(0);
+        if !alike || stray.order < order {
             return Err(ReduceError::Stray {
                 order: stray.order,
                 grid: [stray.grid.rings(), stray.grid.sectors()],
-                wanted_order: self.order,
+                wanted_order: order,
                 wanted_grid: [grid.rings(), grid.sectors()],
             });
         }
-        self.stray = Some(stray.truncated(self.order));
+        self.stray = Some(stray.truncated(order));
         Ok(self)
     }
 
-    /// Takes the response to a lobe.
+    /// Takes the response to a frame.
     pub fn add(&mut self, lobe: Lobe, response: &ResponseImage) {
-        self.lobes += 1;
         self.saturated += response.saturated();
         self.pixels += response.crop.len();
-        let response = self.cells.apply(response);
-        match (lobe.sign, self.positive.take()) {
-            (Sign::Positive, _) => self.positive = Some((lobe.k, response)),
-            (Sign::Negative, Some((k, positive))) if k == lobe.k => {
-                self.pairs += 1;
-                self.difference(k, &positive, &response);
-            }
-            // Counted as missing at the end.
-            (Sign::Negative, _) => {}
-        }
+        self.responses[lobe.k][usize::from(lobe.sign == Sign::Negative)] = Some(self.cells.apply(response));
     }
 
-    fn difference(&mut self, k: usize, positive: &CellResponse, negative: &CellResponse) {
-        let grid = self.cells.grid();
-        for i in 0..3 * grid.len() {
-            let theta_o = grid.theta(i % grid.len() / grid.sectors());
-            let scale = self.scale.at(&grid.zone(), theta_o, i / grid.len());
-            let at = k * 3 * grid.len() + i;
-            let stray = self.stray.as_ref().map_or([0.0; 2], |s| [s.values[at], s.sigma[at]].map(f64::from));
-            let light = (positive.rate[i] - negative.rate[i]) / self.gains[k];
-            let sigma = (positive.variance[i] + negative.variance[i]).sqrt() / self.gains[k].abs();
-            self.values[at] = (scale * (light - stray[0])) as f32;
-            self.sigma[at] = (scale.abs() * sigma.hypot(stray[1])) as f32;
-        }
-    }
-
-    /// Share of pixels that saturated in every exposure, over all lobes so far.
+    /// Share of pixels that saturated in every exposure, over all frames so far.
     pub fn saturated_fraction(&self) -> f64 {
         self.saturated as f64 / self.pixels.max(1) as f64
     }
 
-    /// The coefficients.
+    /// The coefficients that `steps` tell, for a sample that is isotropic or for any.
     ///
     /// # Errors
-    /// [`ReduceError::Incomplete`] if a lobe is missing, [`ReduceError::NoSignal`] if all is dark or saturated.
-    pub fn finish(self) -> Result<Coefficients, ReduceError> {
-        let saturated_percent = 100.0 * self.saturated_fraction();
-        let coefficients = self.finish_dark()?;
-        if !coefficients.noise_rel().is_finite() {
-            return Err(ReduceError::NoSignal { saturated_percent });
+    /// [`ReduceError::Incomplete`] if a frame is missing, [`ReduceError::NoSignal`] if all is dark or saturated.
+    pub fn finish(&self, steps: &[usize], isotropic: bool) -> Result<Reduced, ReduceError> {
+        let reduced = self.finish_dark(steps, isotropic)?;
+        if !reduced.coefficients.noise_rel().is_finite() {
+            return Err(ReduceError::NoSignal { saturated_percent: 100.0 * self.saturated_fraction() });
         }
-        Ok(coefficients)
+        Ok(reduced)
     }
 
-    /// The coefficients of what may be black.
+    /// The same of what may be black.
     ///
     /// # Errors
     /// [`ReduceError::Incomplete`].
-    pub fn finish_dark(self) -> Result<Coefficients, ReduceError> {
-        let expected = 2 * size(self.order);
-        if self.lobes != expected || 2 * self.pairs != expected {
-            return Err(ReduceError::Incomplete { found: 2 * self.pairs, expected });
+    pub fn finish_dark(&self, steps: &[usize], isotropic: bool) -> Result<Reduced, ReduceError> {
+        let whole = |&s: &usize| match &self.responses[s] {
+            [Some(first), Some(second)] => {
+                Some(Taken { step: &self.steps[s], gains: self.gains[s], frames: [first, second] })
+            }
+            _ => None,
+        };
+        let taken: Vec<Taken<'_>> = steps.iter().filter_map(whole).collect();
+        if taken.len() < steps.len() || taken.is_empty() {
+            return Err(ReduceError::Incomplete { found: 2 * taken.len(), expected: 2 * steps.len() });
         }
-        Ok(Coefficients {
-            grid: self.cells.grid(),
-            order: self.order,
-            values: self.values,
-            sigma: self.sigma,
-            history: self.history,
-        })
+        let grid = self.cells.grid();
+        let n = 3 * grid.len();
+        let stray = |k: usize, i: usize| {
+            self.stray.as_ref().map(|s| [s.values[k * n + i], s.sigma[k * n + i]].map(f64::from))
+        };
+        let rates =
+            if isotropic { isotropic_sample(&taken, grid, &stray)? } else { any_sample(&taken, n)? };
+        let order = taken.iter().map(|t| t.step.order()).max().unwrap_or(0);
+        let mut values = vec![f32::NAN; size(order) * n];
+        let mut sigma = values.clone();
+        for (&k, cells) in rates.functions.iter().zip(&rates.cells) {
+            for (i, &[rate, variance]) in cells.iter().enumerate() {
+                let theta_o = grid.theta(i % grid.len() / grid.sectors());
+                let scale = self.scale.at(&grid.zone(), theta_o, i / grid.len());
+                let [light, stray_sigma] =
+                    if isotropic { None } else { stray(k, i) }.unwrap_or_default();
+                values[k * n + i] = (scale * (rate - light)) as f32;
+                sigma[k * n + i] = (scale.abs() * variance.sqrt().hypot(stray_sigma)) as f32;
+            }
+        }
+        let mut history = self.history.clone();
+        if isotropic {
+            history += "; taken to be isotropic";
+        }
+        let middle = 0.5 * (grid.zone().theta_min() + grid.zone().theta_max());
+        let scale = (0..3).map(|c| self.scale.at(&grid.zone(), middle, c).abs()).sum::<f64>() / 3.0;
+        let coefficients = Coefficients { grid, order, values, sigma, history };
+        let anisotropy = scale * rates.deviation / coefficients.dc();
+        Ok(Reduced { coefficients, anisotropy })
     }
 }

@@ -53,7 +53,7 @@ pub fn measured(
 ) -> Result<Measurement, MeasureError> {
     let provenance = Provenance { sample: "test".into(), simulation: None, ..Default::default() };
     let control = Control::default();
-    let request = Request { rig, plan, calibration, provenance: &provenance, control: &control };
+    let request = Request { rig, plan, calibration, provenance: &provenance, control: &control, adviser: None };
     measure(&request, bench, folder, &mut |_, _| ())
 }
 

@@ -294,7 +294,7 @@ impl<'a> Job<'a> {
             // Exposures are the gray card's: there is little light whatever the sample will need.
             Some(path) => {
                 let plan = common::plan(path)?;
-                Plan { exposure: Plan::of_order(plan.order).exposure, automatic: None, ..plan }
+                Plan { exitant: plan.exitant, repeats: plan.repeats, ..Plan::of_order(plan.order) }
             }
             None => gray_card_plan(&self.rig),
         };

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use anyhow::Context;
 use zonal::calibrate::CalibrationSet;
 use zonal::capture::{Bench, Control, RunFolder};
+use zonal::forecast::FitAdviser;
 use zonal::measure::{Assumptions, Measurement, Provenance, Request, RunRecord, measure, resume};
 use zonal::optics::Rig;
 use zonal::patterns::Plan;
@@ -70,6 +71,13 @@ pub struct Args {
     /// Measure the samples of this TOML file one after the other, with one calibration.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["simulate", "sample", "grain_deg"])]
     pub batch: Option<PathBuf>,
+    /// Take what the sample needs and no more: begin at order 2 as if it were isotropic, and go on up to the plan's order while
+    /// a further step is expected to save enough of the error.
+    #[arg(long)]
+    pub adaptive: bool,
+    /// Share of the error that a further step must be expected to save, with --adaptive [default: 0.05, or the plan's].
+    #[arg(long, value_name = "SHARE", requires = "adaptive")]
+    pub gain: Option<f64>,
     /// Keep every camera frame as a 16-bit PNG.
     #[arg(long)]
     pub keep_frames: bool,
@@ -80,6 +88,12 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     let mut plan = common::plan(&args.plan)?;
     if let Some(colours) = args.colour {
         plan = plan.in_colours(colours.space());
+    }
+    if args.adaptive {
+        let mut adaptive = plan.adaptive.unwrap_or_default();
+        adaptive.gain_rel = args.gain.unwrap_or(adaptive.gain_rel);
+        plan = plan.adapted(adaptive);
+        plan.check().context("--adaptive")?;
     }
     if args.max_age_days.is_nan() || args.max_age_days <= 0.0 {
         return Err(BadUsage(format!("--max-age-days {}: choose a number above 0", args.max_age_days)).into());
@@ -171,8 +185,14 @@ impl Session<'_> {
             merged: Vec::new(),
             assumed: self.assumed.clone(),
         };
-        let request =
-            Request { rig: self.rig, plan: self.plan, calibration, provenance: &provenance, control: &self.control };
+        let request = Request {
+            rig: self.rig,
+            plan: self.plan,
+            calibration,
+            provenance: &provenance,
+            control: &self.control,
+            adviser: Some(&FitAdviser),
+        };
         let mut bar = common::frames_bar(sample.name.as_deref().unwrap_or("measure"));
         Ok(measure(&request, &mut bench, Some(folder), &mut bar)?)
     }
@@ -195,7 +215,7 @@ impl Session<'_> {
             let sample = common::mounted(open(sample)?, *grain_deg);
             Ok(Box::new(self.on_time(common::bench(rig, &config, sample))))
         };
-        resume(out, &self.control, bench, &mut common::frames_bar("measure"))
+        resume(out, &self.control, Some(&FitAdviser), bench, &mut common::frames_bar("measure"))
     }
 
     fn on_time(&self, bench: TwinBench) -> TwinBench {

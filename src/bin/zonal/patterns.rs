@@ -3,9 +3,8 @@
 use std::path::PathBuf;
 
 use rayon::prelude::*;
-use zonal::basis::size;
 use zonal::calibrate::CalibrationSet;
-use zonal::patterns::{Lobe, Lobes, Sign};
+use zonal::patterns::{Lobe, Lobes};
 use zonal::radiometry::{FlatField, Response};
 use zonal::store;
 
@@ -42,19 +41,21 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
         }
         None => (Response::linear(), FlatField::uniform(width, height), rig.projector_map()),
     };
-    let lobes = Lobes::new(&projector, rig.zone(), plan.order, width, height)?;
+    let lobes = Lobes::new(&projector, rig.zone(), plan.steps(rig.zone()), width, height)?;
+    let mixed = plan.is_mixed();
     store::write_dir(&args.out, |folder| {
-        (0..size(plan.order)).into_par_iter().try_for_each(|k| {
+        (0..lobes.len()).into_par_iter().try_for_each(|k| {
             let pair = lobes.encode(k, &response, &flat);
-            for (pattern, sign) in pair.patterns.iter().zip([Sign::Positive, Sign::Negative]) {
-                pattern.write_png(&folder.join(format!("{}.png", Lobe { k, sign }.stem())))?;
+            for (pattern, lobe) in pair.patterns.iter().zip(Lobe::both(k, mixed)) {
+                pattern.write_png(&folder.join(format!("{}.png", lobe.stem())))?;
             }
             let (l, m) = zonal::basis::lm(k);
-            lobes.write_exr(k, &folder.join(format!("{k:03}_l{l}_m{m:+}.exr")))
+            let name = if mixed { format!("{k:03}.exr") } else { format!("{k:03}_l{l}_m{m:+}.exr") };
+            lobes.write_exr(k, &folder.join(name))
         })
     })?;
-    let text =
-        format!("{} frames (PNG) and {} functions (EXR) in {}", plan.images(), size(plan.order), args.out.display());
-    let json = serde_json::json!({ "order": plan.order, "images": plan.images(), "out": common::said(&args.out) });
+    let (images, functions) = (2 * lobes.len(), lobes.len());
+    let text = format!("{images} frames (PNG) and {functions} functions (EXR) in {}", args.out.display());
+    let json = serde_json::json!({ "order": plan.order, "images": images, "out": common::said(&args.out) });
     Ok(Report { text, json })
 }

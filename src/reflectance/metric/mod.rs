@@ -103,6 +103,16 @@ pub struct ChannelErrors {
     pub albedo_error: [f64; 3],
 }
 
+impl ChannelErrors {
+    /// One figure for all: the geometric mean of the four errors, those that are NaN left out. Each counts alike whatever its
+    /// scale, so that neither a lobe's height nor what lies in the dark decides alone.
+    pub fn overall(&self) -> f64 {
+        let known = [self.rel_in, self.rel_out, self.log_in, self.log_out].into_iter().filter(|e| !e.is_nan());
+        let (sum, n) = known.fold((0.0, 0), |(sum, n), e| (sum + e.ln(), n + 1));
+        (sum / f64::from(n)).exp()
+    }
+}
+
 /// Who has a value that cannot be compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Side {

@@ -1,0 +1,195 @@
+//! From frames to coefficients: least squares over what each step of a scheme tells.
+
+use std::collections::BTreeSet;
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::{CellResponse, ReduceError};
+use crate::basis::{index, lm};
+use crate::geometry::ExitantGrid;
+use crate::patterns::{Mixture, Step};
+
+/// Shares of the greatest factor below which one is rounding.
+const ROUNDING: f64 = 1e-12;
+
+/// One step as it was taken.
+pub(super) struct Taken<'a> {
+    pub step: &'a Step,
+    /// Divisor of the rates of each frame.
+    pub gains: [f64; 2],
+    pub frames: [&'a CellResponse; 2],
+}
+
+/// What a combination of frames tells: `mixture` is the sum of factor times rate over frames, `(step * 2 + part, factor)`.
+struct Row<'a> {
+    mixture: &'a Mixture,
+    frames: Vec<(usize, f64)>,
+}
+
+/// Coefficients before their scale: electrons per second.
+pub(super) struct Rates {
+    /// Which functions, ascending.
+    pub functions: Vec<usize>,
+    /// Value and variance: `[function][channel * cells + cell]`.
+    pub cells: Vec<Vec<[f64; 2]>>,
+    /// RMS deviation of the cells from what isotropy allows, beyond noise, for one coefficient; 0 where nothing is assumed.
+    pub deviation: f64,
+}
+
+fn rows<'a>(taken: &[Taken<'a>]) -> Result<Vec<Row<'a>>, ReduceError> {
+    let shows_black = |t: &Taken<'_>| matches!(t.step, Step::Parts(Mixture(terms)) if terms.iter().all(|&(k, _)| k == 0));
+    let black = taken.iter().position(shows_black).map(|s| 2 * s + 1);
+    let mut rows = Vec::new();
+    for (s, t) in taken.iter().enumerate() {
+        let [first, second] = t.gains.map(f64::recip);
+        match t.step {
+            Step::Parts(mixture) => rows.push(Row { mixture, frames: vec![(2 * s, first), (2 * s + 1, -second)] }),
+            Step::Lights(both) => {
+                let black = black.ok_or(ReduceError::NoBlack)?;
+                for (part, (mixture, factor)) in both.iter().zip([first, second]).enumerate() {
+                    rows.push(Row { mixture, frames: vec![(2 * s + part, factor), (black, -factor)] });
+                }
+            }
+        }
+    }
+    Ok(rows)
+}
+
+/// All functions that any row shows.
+fn functions(rows: &[Row<'_>]) -> Vec<usize> {
+    let all: BTreeSet<usize> = rows.iter().flat_map(|r| r.mixture.0.iter().map(|&(k, _)| k)).collect();
+    all.into_iter().collect()
+}
+
+/// The least-squares inverse of a tall matrix.
+fn inverse(matrix: &DMatrix<f64>) -> Result<DMatrix<f64>, ReduceError> {
+    let undetermined = ReduceError::Undetermined { rows: matrix.nrows(), functions: matrix.ncols() };
+    if matrix.nrows() < matrix.ncols() {
+        return Err(undetermined);
+    }
+    let normal = matrix.tr_mul(matrix).cholesky().ok_or(undetermined)?;
+    Ok(normal.solve(&matrix.transpose()))
+}
+
+/// Every cell by itself: nothing is assumed of the sample.
+pub(super) fn any_sample(taken: &[Taken<'_>], cells: usize) -> Result<Rates, ReduceError> {
+    let rows = rows(taken)?;
+    let functions = functions(&rows);
+    let mut shown = DMatrix::zeros(rows.len(), functions.len());
+    for (r, row) in rows.iter().enumerate() {
+        for &(k, factor) in &row.mixture.0 {
+            shown[(r, functions.binary_search(&k).expect("collected from the rows"))] = factor;
+        }
+    }
+    let inverse = inverse(&shown)?;
+    let values = |f: usize| -> Vec<[f64; 2]> {
+        let mut factors = vec![0.0; 2 * taken.len()];
+        for (r, row) in rows.iter().enumerate() {
+            row.frames.iter().for_each(|&(frame, factor)| factors[frame] += inverse[(f, r)] * factor);
+        }
+        let greatest = factors.iter().fold(0.0f64, |most, x| most.max(x.abs()));
+        // A frame that says nothing of this function must not spoil it where it is saturated.
+        let used: Vec<(usize, f64)> =
+            factors.into_iter().enumerate().filter(|(_, x)| x.abs() > ROUNDING * greatest).collect();
+        let at = |i: usize| {
+            used.iter().fold([0.0; 2], |[value, variance], &(frame, factor)| {
+                let response = taken[frame / 2].frames[frame % 2];
+                [value + factor * response.rate[i], variance + factor * factor * response.variance[i]]
+            })
+        };
+        (0..cells).map(at).collect()
+    };
+    let cells = (0..functions.len()).into_par_iter().map(values).collect();
+    Ok(Rates { functions, cells, deviation: 0.0 })
+}
+
+/// Ring by ring, as if the sample were isotropic: at phi_o its coefficients are zeta_lm cos(m phi_o) and zeta_lm sin(m phi_o), so
+/// that the azimuths of a ring tell the m of a mixture apart. Standard errors are those of the ring as if each of its cells had
+/// been measured by itself.
+pub(super) fn isotropic_sample(
+    taken: &[Taken<'_>],
+    grid: ExitantGrid,
+    stray: &(dyn Fn(usize, usize) -> Option<[f64; 2]> + Sync),
+) -> Result<Rates, ReduceError> {
+    let rows = rows(taken)?;
+    let (sectors, cells) = (grid.sectors(), grid.len());
+    let functions = functions(&rows);
+    let terms: Vec<usize> = functions.iter().copied().filter(|&k| lm(k).1 >= 0).collect();
+    // Row by row, sector by sector.
+    let mut design = DMatrix::zeros(rows.len() * sectors, terms.len());
+    for (r, row) in rows.iter().enumerate() {
+        for &(k, factor) in &row.mixture.0 {
+            let (l, m) = lm(k);
+            let Ok(term) = terms.binary_search(&index(l, m.abs())) else { continue };
+            for sector in 0..sectors {
+                let (sin, cos) = (f64::from(m.abs()) * grid.phi(sector)).sin_cos();
+                design[(r * sectors + sector, term)] += factor * if m >= 0 { cos } else { sin };
+            }
+        }
+    }
+    let whole = inverse(&design)?;
+    let power: f64 = rows.iter().flat_map(|r| r.mixture.0.iter().map(|&(_, factor)| factor * factor)).sum();
+    let power = power / rows.len() as f64;
+    let of_ring = |at: usize| -> (Vec<[f64; 2]>, [f64; 2]) {
+        let first = at / grid.rings() * cells + at % grid.rings() * sectors;
+        let data: Vec<[f64; 2]> = rows.iter().flat_map(|row| (0..sectors).map(move |s| datum(taken, row, first + s, stray))).collect();
+        let valid: Vec<usize> = (0..data.len()).filter(|&i| data[i][0].is_finite()).collect();
+        let unknown = (vec![[f64::NAN; 2]; terms.len()], [0.0; 2]);
+        if 2 * valid.len() < data.len() {
+            return unknown;
+        }
+        let partial;
+        let solver = if valid.len() == data.len() {
+            &whole
+        } else {
+            match inverse(&design.select_rows(&valid)) {
+                Ok(found) => partial = found,
+                Err(_) => return unknown,
+            }
+            &partial
+        };
+        let values = DVector::from_iterator(valid.len(), valid.iter().map(|&i| data[i][0]));
+        let zeta = solver * &values;
+        let variances = DVector::from_iterator(valid.len(), valid.iter().map(|&i| data[i][1]));
+        let variance = solver.map(|x| x * x) * &variances;
+        let excess: f64 = valid
+            .iter()
+            .map(|&i| (data[i][0] - design.row(i).iter().zip(zeta.iter()).map(|(d, z)| d * z).sum::<f64>()).powi(2) - data[i][1])
+            .sum();
+        let freedom = valid.len().saturating_sub(terms.len()) as f64;
+        (zeta.iter().zip(variance.iter()).map(|(z, v)| [*z, v * sectors as f64]).collect(), [excess, freedom])
+    };
+    let rings: Vec<_> = (0..3 * grid.rings()).into_par_iter().map(of_ring).collect();
+    let [excess, freedom] = rings.iter().fold([0.0; 2], |[e, f], (_, x)| [e + x[0], f + x[1]]);
+    let spread = |k: usize| -> Vec<[f64; 2]> {
+        let (l, m) = lm(k);
+        let term = terms.binary_search(&index(l, m.abs())).expect("mixtures hold both of a pair");
+        let at = |i: usize| {
+            let [zeta, variance] = rings[i / cells * grid.rings() + i % cells / sectors].0[term];
+            let (sin, cos) = (f64::from(m.abs()) * grid.phi(i % sectors)).sin_cos();
+            [zeta * if m >= 0 { cos } else { sin }, variance]
+        };
+        (0..3 * cells).map(at).collect()
+    };
+    let planes = functions.par_iter().map(|&k| spread(k)).collect();
+    let deviation = (excess / freedom.max(1.0) / power).max(0.0).sqrt();
+    Ok(Rates { functions, cells: planes, deviation })
+}
+
+/// Value and variance of a row in one cell, stray light taken off.
+fn datum(
+    taken: &[Taken<'_>],
+    row: &Row<'_>,
+    i: usize,
+    stray: &(dyn Fn(usize, usize) -> Option<[f64; 2]> + Sync),
+) -> [f64; 2] {
+    let frames = row.frames.iter().fold([0.0; 2], |[value, variance], &(frame, factor)| {
+        let response = taken[frame / 2].frames[frame % 2];
+        [value + factor * response.rate[i], variance + factor * factor * response.variance[i]]
+    });
+    row.mixture.0.iter().fold(frames, |[value, variance], &(k, factor)| {
+        let [light, sigma] = stray(k, i).unwrap_or_default();
+        [value - factor * light, variance + (factor * sigma).powi(2)]
+    })
+}
