@@ -1,4 +1,5 @@
 mod fits;
+mod pareto;
 
 use super::*;
 use crate::measure::Provenance;
