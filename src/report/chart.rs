@@ -15,6 +15,8 @@ const CHARACTER: f64 = 7.0;
 /// Distance of the arrows of points beyond the plot from its upper edge and from one another, user units.
 const ARROW: f64 = 5.0;
 const ARROWS: f64 = 10.0;
+/// Distance of the points that stand for a line where texts are placed, user units.
+const TRACE: f64 = 4.0;
 
 /// How the points of a series are drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -236,11 +238,26 @@ impl Chart {
                 (middle(frame.x(from.0), frame.x(to.0)), middle(frame.y(from.1), frame.y(to.1)), label)
             }))
             .collect();
-        let places = label::places(&labels, &marks, self.plot());
+        let places = label::places(&labels, &marks, &self.traces(frame), self.plot());
         let tag = |(place, &(.., label)): (&label::Place, &(f64, f64, &str))| {
             text(place.class, Letters::Tag, place.x, place.y, label.to_owned())
         };
         places.iter().zip(&labels).map(tag).collect()
+    }
+
+    /// Points close together on all lines: what texts had better not cover.
+    fn traces(&self, frame: &Frame<'_>) -> Vec<(f64, f64)> {
+        let shown = |p: &(f64, f64)| self.x.shows(p.0) && self.y.shows(p.1);
+        let series = self.series.iter().filter(|s| s.mark != Mark::Points);
+        let pieces =
+            series.flat_map(|s| s.points.windows(2)).map(|p| [p[0], p[1]]).chain(self.spans_shown().map(|s| s.0));
+        let pieces = pieces.filter(|ends| ends.iter().all(shown));
+        let trace = |ends: [(f64, f64); 2]| {
+            let [(x0, y0), (x1, y1)] = ends.map(|p| (frame.x(p.0), frame.y(p.1)));
+            let n = ((x1 - x0).hypot(y1 - y0) / TRACE).ceil().max(1.0);
+            (0..=n as usize).map(move |i| (x0 + (x1 - x0) * i as f64 / n, y0 + (y1 - y0) * i as f64 / n))
+        };
+        pieces.flat_map(trace).collect()
     }
 
     /// Spans that both axes can show.
