@@ -225,43 +225,33 @@ impl ParetoReport {
     }
 
     /// The best plan that takes no longer than the published method at its fastest.
-    pub(super) fn as_fast(&self, s: &SeedPoint) -> Option<&PlanPoint> {
-        self.front().into_iter().rfind(|p| p.rig_s <= s.rig_s[0])
+    pub(super) fn as_fast<'a>(&'a self, s: &SeedPoint, serves: impl Fn(&PlanPoint) -> bool) -> Option<&'a PlanPoint> {
+        let plans = undominated(self.plans.iter().filter(|p| serves(p)), |p| Some((p.rig_s, p.error()?)));
+        plans.into_iter().rfind(|p| p.rig_s <= s.rig_s[0])
     }
 
-    /// The front against the published method, in a sentence or two.
+    /// The front against the published method, in a few sentences.
     fn against(&self, s: &SeedPoint) -> Option<String> {
-        let fast = self.as_good(s, |_| true)?;
-        let times = |p: &PlanPoint| number(s.rig_s[0] / p.rig_s, 2);
-        let mut said = format!(
-            "Ghosh 2007 at order {} takes {} and errs by {}; {} errs by {} in {}: {} times faster.",
-            s.order,
-            span(s.rig_s),
-            number(s.error, 2),
-            fast.name(),
-            number(fast.error()?, 2),
-            seconds(fast.rig_s),
-            times(fast)
-        );
-        if fast.scheme == ISOTROPIC
-            && let Some(any) = self.as_good(s, |p| p.scheme != ISOTROPIC)
-        {
-            said += &format!(
-                " Where the sample need not be isotropic, {} takes {}: {} times faster.",
-                any.name(),
-                seconds(any.rig_s),
-                times(any)
-            );
-        }
-        if let Some(best) = self.as_fast(s) {
-            let (name, error) = (best.name(), best.error()?);
-            said += &format!(
-                " No slower than it, {name} errs by {}: {} times less.",
-                number(error, 2),
-                number(s.error / error, 2)
-            );
-        }
-        Some(said)
+        let error = |p: &PlanPoint| number(p.error().unwrap_or(f64::NAN), 2);
+        let faster = |p: &PlanPoint| {
+            let times = number(s.rig_s[0] / p.rig_s, 2);
+            format!("a plan ({}) errs by {} in {}, {times} times faster", p.name(), error(p), seconds(p.rig_s))
+        };
+        let better = |p: &PlanPoint| {
+            let times = number(s.error / p.error().unwrap_or(f64::NAN), 2);
+            format!("a plan ({}) errs by {} in no more time, {times} times less", p.name(), error(p))
+        };
+        // Isotropic plans serve some samples only: what serves all is told too.
+        let any = |p: &PlanPoint| p.scheme != ISOTROPIC;
+        let told = |best: Option<&PlanPoint>, of_any: Option<&PlanPoint>, say: &dyn Fn(&PlanPoint) -> String| {
+            let general = of_any.filter(|_| best.is_some_and(|p| !any(p)));
+            let general = general.map_or(String::new(), |p| format!("; for samples of any kind {}", say(p)));
+            best.map_or(String::new(), |p| format!("; {}{general}", say(p)))
+        };
+        let fast = told(Some(self.as_good(s, |_| true)?), self.as_good(s, any), &faster);
+        let good = told(self.as_fast(s, |_| true), self.as_fast(s, any), &better);
+        let (time, error) = (span(s.rig_s), number(s.error, 2));
+        Some(format!("Ghosh 2007 at order {} takes {time} and errs by {error}{fast}{good}.", s.order))
     }
 
     fn plans_table(&self) -> String {

@@ -12,7 +12,7 @@ const SCHEMES: [(&str, usize, &str); 5] = [
     ("offset", 3, "offset: lobes raised above zero"),
     ("multiplexed", 4, "multiplexed: many lobes in each frame"),
     ("isotropic", 5, "isotropic: for isotropic samples alone"),
-    ("adaptive", 2, "adaptive: as many lobes as the sample needs"),
+    ("adaptive", 2, "adaptive: as many lobes as are needed"),
 ];
 /// Style of a scheme that is not known here.
 const OTHER: usize = 6;
@@ -22,8 +22,8 @@ const FRONT: usize = 0;
 const OURS: usize = 1;
 /// Cells of the main panel.
 const MAIN_CELLS: [usize; 2] = [2, 2];
-/// Orders named along a line are apart by this factor of time: a text's width in the main panel.
-const APART: f64 = 1.3;
+/// Orders named along a line are apart by this factor of time: twice a text's width in the main panel.
+const APART: f64 = 1.5;
 /// Room at the ends of axes.
 const ROOM: f64 = 1.3;
 
@@ -44,8 +44,9 @@ pub(super) fn sheet(report: &ParetoReport) -> Sheet {
         panels: vec![Some(plans(report)), conversion, fit, Some(prediction(report)), None, simulation],
         series,
         notes: vec![
-            format!("line: predicted; mark: {} materials on the simulated rig", report.materials.len()),
-            "hollow: published methods; L4: zonal order 4".into(),
+            "line: predicted; L4: zonal order 4".into(),
+            format!("mark: measured, {} materials on the simulated rig", report.materials.len()),
+            "hollow: published methods".into(),
             "errors: medians, relative to the signal".into(),
         ],
     }
@@ -71,11 +72,11 @@ fn others(report: &ParetoReport) -> Vec<String> {
 /// The main panel: error against rig time.
 fn plans(report: &ParetoReport) -> (String, Chart) {
     let styles = SCHEMES.map(|(scheme, style, _)| (scheme.to_owned(), style)).into_iter();
-    let mut series = Vec::new();
+    let (front, mut series) = (report.front(), Vec::new());
     for (scheme, style) in styles.chain(others(report).into_iter().map(|scheme| (scheme, OTHER))) {
         let mut plans: Vec<&PlanPoint> = report.plans.iter().filter(|p| p.scheme == scheme).collect();
         plans.sort_by(|a, b| a.exposures.cmp(&b.exposures).then(a.rig_s.total_cmp(&b.rig_s)));
-        series.push(line(&scheme, &plans, style));
+        series.push(line(&scheme, &plans, &front, style));
         series.push(marks(&scheme, &plans, style));
     }
     let mut seed = Series::new("Ghosh 2007", Vec::new(), Mark::Both, FRONT);
@@ -89,7 +90,7 @@ fn plans(report: &ParetoReport) -> (String, Chart) {
 
     let x = spread(series.iter().flat_map(|s| s.points.iter()).map(|p| p.0));
     let y = spread(series.iter().flat_map(|s| s.points.iter()).map(|p| p.1));
-    let corners: Vec<_> = report.front().into_iter().filter_map(|p| Some((p.rig_s, p.error()?))).collect();
+    let corners: Vec<_> = front.iter().filter_map(|p| Some((p.rig_s, p.error()?))).collect();
     // Lowest, so that marks stay seen.
     series.insert(0, Series::new("front", stairs(&corners, x, y), Mark::Line, FRONT));
 
@@ -98,7 +99,7 @@ fn plans(report: &ParetoReport) -> (String, Chart) {
             let text = format!("{} times faster", number(s.rig_s[0] / p.rig_s, 2));
             ([(p.rig_s, s.error), (s.rig_s[0], s.error)], text)
         });
-        let better = report.as_fast(s).and_then(|p| p.error()).filter(|e| *e < s.error).map(|e| {
+        let better = report.as_fast(s, |_| true).and_then(|p| p.error()).filter(|e| *e < s.error).map(|e| {
             let text = format!("{} times less error", number(s.error / e, 2));
             ([(s.rig_s[0], s.error), (s.rig_s[0], e)], text)
         });
@@ -117,24 +118,23 @@ fn plans(report: &ParetoReport) -> (String, Chart) {
     ("Error against time on the rig: less and left is better".into(), chart)
 }
 
-/// What is predicted for a scheme: a line for each number of exposures; the orders of the first are named.
-fn line(scheme: &str, plans: &[&PlanPoint], style: usize) -> Series {
+/// What is predicted for a scheme: a line for each number of exposures. Runs bear the names of orders; where none was
+/// run, plans of the front do.
+fn line(scheme: &str, plans: &[&PlanPoint], front: &[&PlanPoint], style: usize) -> Series {
     let mut series = Series::new(scheme, Vec::new(), Mark::Line, style);
-    let (mut exposures, mut named) = (None, 0.0);
+    let run = plans.iter().any(|p| known(p.measured).is_some());
+    let mut namer = Namer::default();
+    let mut exposures = None;
     for p in plans.iter().filter(|p| p.method == MAIN) {
         let Some(error) = known(p.predicted) else { continue };
         if exposures.is_some_and(|e| e != p.exposures) {
             series.points.push((f64::NAN, f64::NAN));
             series.labels.push(String::new());
-            named = f64::INFINITY;
         }
         exposures = Some(p.exposures);
+        let telling = known(p.measured).is_none() && (!run || front.iter().any(|f| std::ptr::eq(*f, *p)));
         series.points.push((p.rig_s, error));
-        let name = p.order.is_multiple_of(2) && p.rig_s >= APART * named;
-        series.labels.push(if name { format!("L{}", p.order) } else { String::new() });
-        if name {
-            named = p.rig_s;
-        }
+        series.labels.push(if telling { namer.name(p) } else { String::new() });
     }
     series
 }
@@ -142,11 +142,30 @@ fn line(scheme: &str, plans: &[&PlanPoint], style: usize) -> Series {
 /// What runs measured; hollow where the fit is a published one.
 fn marks(scheme: &str, plans: &[&PlanPoint], style: usize) -> Series {
     let mut series = Series::new(scheme, Vec::new(), Mark::Points, style);
+    let (mut ours, mut published) = (Namer::default(), Namer::default());
     for (p, error) in plans.iter().filter_map(|p| Some((p, known(p.measured)?))) {
+        let hollow = p.method != MAIN;
         series.points.push((p.rig_s, error));
-        series.hollow.push(p.method != MAIN);
+        series.labels.push(if hollow { published.name(p) } else { ours.name(p) });
+        series.hollow.push(hollow);
     }
     series
+}
+
+/// Names orders of plans where there is room: those of the fewest exposures, of ascending time.
+#[derive(Default)]
+struct Namer {
+    last: Option<(usize, f64)>,
+}
+
+impl Namer {
+    fn name(&mut self, p: &PlanPoint) -> String {
+        if self.last.is_some_and(|(exposures, time)| p.exposures != exposures || p.rig_s < APART * time) {
+            return String::new();
+        }
+        self.last = Some((p.exposures, p.rig_s));
+        format!("L{}", p.order)
+    }
 }
 
 /// Whether runs bear the prediction out.
@@ -184,22 +203,20 @@ fn computing(report: &ParetoReport, stage: Stage) -> (String, Chart) {
     let place = |c: &ComputePoint| Some((known(Some(c.seconds))?, known(Some(c.error))?));
     let points: Vec<&ComputePoint> =
         report.computing.iter().filter(|c| c.stage == stage && place(c).is_some()).collect();
-    let mut series = Series {
+    let series = Series {
         labels: points.iter().map(|c| c.method.clone()).collect(),
         hollow: points.iter().map(|c| c.baseline).collect(),
         ..Series::new("methods", points.iter().map(|c| (c.seconds, c.error)).collect(), Mark::Points, OURS)
     };
-    // Baselines look like the published method of the main panel.
-    series.style = OURS;
     let (mut x, mut y) = (Axis::log("computing time (s)"), Axis::log("error (no unit)"));
     x.range = (!points.is_empty()).then(|| x.fit(points.iter().flat_map(|c| [c.seconds / ROOM, c.seconds * ROOM])));
     y.range = (!points.is_empty()).then(|| y.fit(points.iter().flat_map(|c| [c.error / ROOM, c.error * ROOM])));
     let corners: Vec<_> = undominated(points.iter().copied(), place).into_iter().filter_map(place).collect();
     let front = Series::new("front", stairs(&corners, x.range, y.range), Mark::Line, FRONT);
     let (title, what) = match stage {
-        Stage::Conversion => ("Conversion to harmonics: error, computing time", "conversion"),
-        Stage::Fit => ("Fit of a model: error, computing time", "fits"),
-        Stage::Simulation => ("Simulation of the rig: error, computing time", "simulation"),
+        Stage::Conversion => ("Conversion: error against time", "conversion"),
+        Stage::Fit => ("Fit of a model: error against time", "fits"),
+        Stage::Simulation => ("Simulation: error against time", "simulation"),
     };
     (title.into(), Chart::new(format!("Error of {what} against computing time"), x, y, vec![front, series]))
 }
@@ -224,9 +241,15 @@ fn spread(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
     (!values.is_empty()).then(|| [ends[0] / ROOM, ends[1] * ROOM])
 }
 
-/// Ticks at 1, 2 and 5 times the powers of ten, more than a small chart has room for.
+/// Ticks at few times the powers of ten, more where these are few: a small chart has no room for as many.
 fn ticks([lo, hi]: [f64; 2]) -> Vec<(f64, String)> {
+    let mantissas: &[f64] = if hi / lo < 20.0 { &[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0] } else { &[1.0, 2.0, 5.0] };
     let decades = lo.log10().floor() as i32..=hi.log10().floor() as i32;
-    let all = decades.flat_map(|e| [1.0, 2.0, 5.0].map(|m| m * 10f64.powi(e)));
-    all.filter(|t| (lo..=hi).contains(t)).map(|t| (t, number(t, 1))).collect()
+    let all = decades.flat_map(|e| mantissas.iter().map(move |m| m * 10f64.powi(e)));
+    let label = |t: f64| {
+        let text = number(t, 2);
+        let whole = text.contains('.').then(|| text.trim_end_matches('0').trim_end_matches('.').to_owned());
+        whole.unwrap_or(text)
+    };
+    all.filter(|t| (lo..=hi).contains(t)).map(|t| (t, label(t))).collect()
 }
