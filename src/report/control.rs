@@ -57,7 +57,7 @@ impl ControlReport {
             title: format!("Gray card: errors relative to z₀₀ over {} runs", self.runs.len()),
             columns: 3,
             panels,
-            series: STYLES.map(|(style, name)| (style, name.to_owned())).into(),
+            series: STYLES.map(|(style, name)| (style, Mark::Both, name.to_owned())).into(),
             notes: vec![
                 format!("limits from the moving range of the first {} runs", self.baseline),
                 "hollow: out of control".into(),
@@ -89,7 +89,7 @@ impl ControlReport {
             Axis { ticks: Some(ticks), range: Some([0.5, n as f64 + 0.5]), ..Axis::linear("run, in order of time") };
         let description = format!("Error of {title} over gray-card runs with mean and limits");
         let y = Axis::linear("error (% of analytic z₀₀)");
-        (title, Chart { description, x, y, series: all, markers: Vec::new(), bands: Vec::new() })
+        (title, Chart::new(description, x, y, all))
     }
 
     /// The table: a row for each run and quantity.

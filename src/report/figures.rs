@@ -29,13 +29,13 @@ pub fn accuracy_chart(points: &[AccuracyPoint]) -> Chart {
         ..Series::new("inside the zone", curve(|p| p.error_in), Mark::Both, 1)
     };
     Chart {
-        description: "Relative error inside and outside the zone against rig time, one point for each zonal order"
-            .into(),
-        x: Axis::log("rig time (s)"),
-        y: Axis::log("relative error (RMS, no unit)"),
-        series: vec![inside, outside],
         markers: vec![(THESIS_RIG_S, "thesis rig: order 4 in about 60 s".into())],
-        bands: Vec::new(),
+        ..Chart::new(
+            "Relative error inside and outside the zone against rig time, one point for each zonal order",
+            Axis::log("rig time (s)"),
+            Axis::log("relative error (RMS, no unit)"),
+            vec![inside, outside],
+        )
     }
 }
 
@@ -51,24 +51,21 @@ pub fn spectrum_chart(points: &[SpectrumPoint]) -> Chart {
     let degrees = points.iter().map(|p| lm(p.k).0 + 1).max().unwrap_or(1);
     let curve = |value: fn(&SpectrumPoint) -> f64| points.iter().map(|p| (place(p.k), value(p))).collect();
     let from = if signed { "−l" } else { "0" };
+    let x = Axis {
+        ticks: Some((0..degrees).map(|l| (l as f64 + 0.5, l.to_string())).collect()),
+        range: Some([0.0, degrees as f64]),
+        ..Axis::linear(format!("degree l (inside a band: m = {from} to l)"))
+    };
+    let series = vec![
+        Series::new("noise, standard error", curve(|p| p.noise), Mark::Line, 2),
+        Series::new("predicted by the model", curve(|p| p.predicted), Mark::Line, 3),
+        Series::new("measured |z|", curve(|p| p.rms), Mark::Points, 1),
+    ];
+    let description = "RMS over exitant directions of each zonal coefficient, of its noise and of what the model \
+                       predicts, grouped by degree";
     Chart {
-        description:
-            "RMS over exitant directions of each zonal coefficient, of its noise and of what the model predicts, \
-                      grouped by degree"
-                .into(),
-        x: Axis {
-            ticks: Some((0..degrees).map(|l| (l as f64 + 0.5, l.to_string())).collect()),
-            range: Some([0.0, degrees as f64]),
-            ..Axis::linear(format!("degree l (inside a band: m = {from} to l)"))
-        },
-        y: Axis::log("RMS over wo (1/√sr)"),
-        series: vec![
-            Series::new("noise, standard error", curve(|p| p.noise), Mark::Line, 2),
-            Series::new("predicted by the model", curve(|p| p.predicted), Mark::Line, 3),
-            Series::new("measured |z|", curve(|p| p.rms), Mark::Points, 1),
-        ],
-        markers: Vec::new(),
         bands: (0..degrees).skip(1).step_by(2).map(|l| [l as f64, l as f64 + 1.0]).collect(),
+        ..Chart::new(description, x, Axis::log("RMS over wo (1/√sr)"), series)
     }
 }
 
@@ -90,18 +87,16 @@ pub fn fits_chart(fits: &Fits) -> Chart {
     };
     let baseline = |m: FitMethod| matches!(m, FitMethod::Thesis | FitMethod::GgxToReconstruction);
     let what = if compared { "error in the zone" } else { "misfit over z₀₀" };
-    Chart {
-        description: format!("{what} of every model against the time its fit took"),
-        x: Axis::log("time of the fit (s)"),
-        y: Axis::log(format!("{what} (RMS, no unit)")),
-        series: vec![
+    Chart::new(
+        format!("{what} of every model against the time its fit took"),
+        Axis::log("time of the fit (s)"),
+        Axis::log(format!("{what} (RMS, no unit)")),
+        vec![
             series("fitted to a reconstruction", 2, &baseline),
             series("fitted in the measured space", 1, &|m| !baseline(m) && m != FitMethod::Auto),
             series("auto: tries all of these", 3, &|m| m == FitMethod::Auto),
         ],
-        markers: Vec::new(),
-        bands: Vec::new(),
-    }
+    )
 }
 
 /// A name short enough to stand in a chart.

@@ -1,7 +1,8 @@
-//! Places for the texts of points: where they cover neither each other nor a mark.
+//! Places for the texts of points: where they cover neither each other nor a mark, and no line if that can be.
 
-/// Half the width of a mark and its surroundings, user units.
+/// Half the width of a mark and its surroundings, and of a line, user units.
 const MARK: f64 = 5.0;
+const LINE: f64 = 2.0;
 /// Height of a text, and mean width of its characters.
 const TEXT: f64 = 11.0;
 const CHARACTER: f64 = 6.1;
@@ -19,8 +20,17 @@ pub(super) struct Place {
 }
 
 /// Places for texts at points, in their order: above the point, else beside or below it, else further up; inside `plot`.
-pub(super) fn places(labels: &[(f64, f64, &str)], marks: &[(f64, f64)], plot: Area) -> Vec<Place> {
-    let mut taken: Vec<Area> = marks.iter().map(|&(x, y)| [x - MARK, y - MARK, x + MARK, y + MARK]).collect();
+/// `lines` are points close together on what is drawn.
+pub(super) fn places(
+    labels: &[(f64, f64, &str)],
+    marks: &[(f64, f64)],
+    lines: &[(f64, f64)],
+    plot: Area,
+) -> Vec<Place> {
+    let about = |points: &[(f64, f64)], r: f64| -> Vec<Area> {
+        points.iter().map(|&(x, y)| [x - r, y - r, x + r, y + r]).collect()
+    };
+    let (mut taken, lines) = (about(marks, MARK), about(lines, LINE));
     labels
         .iter()
         .map(|&(x, y, text)| {
@@ -45,7 +55,9 @@ pub(super) fn places(labels: &[(f64, f64, &str)], marks: &[(f64, f64)], plot: Ar
                 let inside = area[0] >= plot[0] && area[1] >= plot[1] && area[2] <= plot[2] && area[3] <= plot[3];
                 inside && taken.iter().all(|other| !overlap(&area, other))
             };
-            let place = candidates.iter().find(free).copied().unwrap_or(candidates[0]);
+            let clear = |place: &&Place| free(place) && lines.iter().all(|line| !overlap(&place.area(width), line));
+            let place = candidates.iter().find(clear).or(candidates.iter().find(free)).unwrap_or(&candidates[0]);
+            let place = *place;
             taken.push(place.area(width));
             place
         })
@@ -77,7 +89,7 @@ mod tests {
         let near =
             [(60.0, 60.0, "first"), (64.0, 62.0, "second"), (340.0, 100.0, "a longer name"), (340.0, 104.0, "b")];
         let marks: Vec<(f64, f64)> = near.iter().map(|l| (l.0, l.1)).collect();
-        let areas: Vec<Area> = places(&near, &marks, plot)
+        let areas: Vec<Area> = places(&near, &marks, &[], plot)
             .iter()
             .zip(near)
             .map(|(p, l)| p.area(CHARACTER * l.2.chars().count() as f64))
@@ -90,7 +102,9 @@ mod tests {
 
     #[test]
     fn a_lone_text_stands_above_its_point() {
-        let place = places(&[(200.0, 100.0, "L4")], &[(200.0, 100.0)], [50.0, 20.0, 350.0, 220.0])[0];
-        assert_eq!(place, Place { class: "mid", x: 200.0, y: 92.0 });
+        let (text, mark, plot) = ([(200.0, 100.0, "L4")], [(200.0, 100.0)], [50.0, 20.0, 350.0, 220.0]);
+        assert_eq!(places(&text, &mark, &[], plot)[0], Place { class: "mid", x: 200.0, y: 92.0 });
+        let rises: Vec<(f64, f64)> = (0..20).map(|i| (200.0, 100.0 - f64::from(i))).collect();
+        assert_eq!(places(&text, &mark, &rises, plot)[0], Place { class: "", x: 207.0, y: 104.0 });
     }
 }

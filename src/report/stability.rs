@@ -129,7 +129,7 @@ impl StabilityReport {
             ),
             columns: 3,
             panels,
-            series: METHODS.map(|(_, style, legend)| (style, legend.to_owned())).into(),
+            series: METHODS.map(|(_, style, legend)| (style, Mark::Both, legend.to_owned())).into(),
             notes: vec![
                 "hollow: refused, noise gain outside × noise > 1".into(),
                 "arrow: above the scale, thesis with its value".into(),
@@ -272,7 +272,7 @@ impl StabilityReport {
                 Axis { ticks: Some(ticks), range, ..Axis::log("noise of each coefficient (% of z₀₀)") }
             }
         };
-        Chart { description, x, y, series, markers: Vec::new(), bands: Vec::new() }
+        Chart::new(description, x, y, series)
     }
 
     /// The table of failures.

@@ -1,4 +1,5 @@
 mod fits;
+mod pareto;
 
 use super::*;
 use crate::measure::Provenance;
@@ -160,12 +161,8 @@ fn an_empty_report_is_a_page() {
 fn chart(points: Vec<(f64, f64)>) -> String {
     let series = Series { labels: vec!["L".into(); 9], ..Series::new("a", points, Mark::Both, 1) };
     let svg = Chart {
-        description: "d".into(),
-        x: Axis::log("x (s)"),
-        y: Axis::log("y"),
-        series: vec![series],
         markers: vec![(60.0, "m".into())],
-        bands: vec![],
+        ..Chart::new("d", Axis::log("x (s)"), Axis::log("y"), vec![series])
     }
     .to_svg();
     check_markup(&svg);
