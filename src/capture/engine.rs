@@ -115,6 +115,7 @@ impl<'a> Engine<'a> {
             index: 0,
             images: 0,
             rig_time: RigTime::default(),
+            decided_s: 0.0,
             elapsed_s: 0.0,
             preparation_s: 0.0,
         };
@@ -193,6 +194,11 @@ impl<'a> Engine<'a> {
             let taken = self.batches(run, devices, session, progress, &sender, &alive);
             drop(sender);
             session.elapsed_s = devices.clock.now_s() - ready_s;
+            if session.recorded.in_order.is_empty() {
+                // All of it was seen: what is neither exposure nor readout was spent on patterns that changed.
+                let t = &mut session.rig_time;
+                t.pattern_change_s = (session.elapsed_s - session.decided_s - t.exposure_s - t.readout_wait_s).max(0.0);
+            }
             if taken.is_ok() {
                 self.enter(Input::Exhausted);
             }
@@ -212,17 +218,18 @@ impl<'a> Engine<'a> {
         worker: &SyncSender<Work>,
         alive: &dyn Fn() -> bool,
     ) -> Result<(), CaptureError> {
-        let mut began = Instant::now();
+        let mut began = (Instant::now(), devices.clock.now_s());
         loop {
             let steps = run.director.next();
             if steps.is_empty() {
                 return Ok(());
             }
             if session.images > 0 {
-                session.rig_time.decision_s += began.elapsed().as_secs_f64();
+                session.rig_time.decision_s += began.0.elapsed().as_secs_f64();
+                session.decided_s += devices.clock.now_s() - began.1;
             }
             self.steps(run, &steps, devices, session, progress, worker, alive)?;
-            began = Instant::now();
+            began = (Instant::now(), devices.clock.now_s());
             if run.director.is_adaptive() {
                 // What is decided next is decided from all frames so far.
                 let (done, wait) = sync_channel(1);
@@ -252,7 +259,12 @@ impl<'a> Engine<'a> {
                 let lobes = Lobe::both(k, run.mixed);
                 let stored =
                     run.folder.is_some_and(|folder| lobes.iter().all(|l| folder.response_path(l, repeat).is_file()));
-                if stored {
+                if let (true, Some(folder)) = (stored, run.folder) {
+                    if run.exposer.is_adaptive() {
+                        let read = |lobe| ResponseImage::read_of(&folder.response_path(lobe, repeat), run.crop);
+                        let pair = [read(&lobes[0])?, read(&lobes[1])?];
+                        run.exposer.further(k, pair.each_ref());
+                    }
                     session.skip(repeat, &lobes, &timing);
                     progress(session.index, total.max(session.index));
                     send(Pair { k, repeat, lobes: [LobeFrames::Stored, LobeFrames::Stored] })?;
@@ -275,7 +287,8 @@ impl<'a> Engine<'a> {
                     if stage == 2 && adaptive {
                         let merged = frames.each_ref().map(|frames| {
                             let taken: Vec<Taken> = frames.iter().map(|(_, taken)| taken.clone()).collect();
-                            ResponseImage::merge(&devices.sensor, run.maps, run.crop, &taken)
+                            // As a resumed run would read it.
+                            ResponseImage::merge(&devices.sensor, run.maps, run.crop, &taken).as_stored()
                         });
                         let more = run.exposer.further(k, merged.each_ref());
                         if !more.is_empty() {
@@ -308,6 +321,8 @@ struct Session {
     index: usize,
     images: usize,
     rig_time: RigTime,
+    /// Time of decisions on the bench's clock, s: a simulated one may stand still meanwhile.
+    decided_s: f64,
     elapsed_s: f64,
     preparation_s: f64,
 }

@@ -7,7 +7,8 @@ pub trait Exposer {
     /// Exposures of both lobes to begin with, s.
     fn first(&self) -> Vec<f64>;
 
-    /// Exposures to add after those, s; `pair` holds what the first have shown of function `k`'s two lobes.
+    /// Exposures to add after those, s; `pair` holds what the first have shown of step `k`'s two frames. Also told of steps
+    /// that an earlier session took, so that it goes on as if there had been one session.
     fn further(&mut self, k: usize, pair: [&ResponseImage; 2]) -> Vec<f64>;
 
     /// Whether [`Exposer::further`] can ever add any; where not, it is not asked.

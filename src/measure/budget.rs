@@ -245,15 +245,16 @@ impl View {
     fn new(coefficients: &Coefficients, weight: &dyn Fn(usize) -> f64) -> Self {
         let grid = coefficients.grid;
         let (rings, sectors) = (grid.rings(), grid.sectors());
+        let order = coefficients.complete_order();
         let mut view = Self {
             zone: grid.zone(),
-            z: std::array::from_fn(|_| vec![0.0; coefficients.order + 1]),
+            z: std::array::from_fn(|_| vec![0.0; order + 1]),
             sigma: [0.0; 3],
             slope: [[0.0; 2]; 3],
             steepness: [0.0; 3],
         };
         for c in 0..3 {
-            let means: Vec<Vec<f64>> = (0..=coefficients.order)
+            let means: Vec<Vec<f64>> = (0..=order)
                 .map(|l| {
                     (0..rings).map(|r| mean(&coefficients.plane(index(l, 0), c)[r * sectors..][..sectors])).collect()
                 })

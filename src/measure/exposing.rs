@@ -2,9 +2,8 @@
 
 use rayon::prelude::*;
 
-use crate::basis::Harmonics;
 use crate::capture::{Exposer, ResponseImage};
-use crate::geometry::{Direction, Zone};
+use crate::geometry::Zone;
 use crate::patterns::{AutomaticBracket, LobePair, Step, Timing};
 use crate::radiometry::Sensor;
 use crate::reduce::{CellMap, ChannelScale};
@@ -35,6 +34,10 @@ pub struct AutomaticExposer {
     ladder: Vec<f64>,
     /// What a pixel's variance counts for in the mean square standard error over cells.
     weights: Vec<f64>,
+    /// Exposures to begin the next step with.
+    start: Vec<f64>,
+    /// Whether a step begins with what the one before it needed.
+    carries: bool,
     /// RMS z_00, once a pair has been seen.
     constant: Option<f64>,
     /// Whether the first step is the constant function and black.
@@ -78,9 +81,17 @@ impl AutomaticExposer {
             shortest_s: f64::from(target.shortest_refreshes) * timing.refresh_s,
             ladder: refreshes.into_iter().map(|n| f64::from(n) * timing.refresh_s).collect(),
             weights,
+            start: vec![f64::from(target.shortest_refreshes) * timing.refresh_s],
+            carries: false,
             constant: None,
             is_constant: steps.first() == Some(&Step::function(0)),
         }
+    }
+
+    /// Begins each step with the exposures that the one before it needed: for steps that are about equally bright, as mixtures
+    /// are. A pixel that then saturates is taken again with the shortest exposure.
+    pub fn carrying(self) -> Self {
+        Self { carries: true, ..self }
     }
 
     /// RMS over cells of the standard error that the coefficients of a pair will have, from expected rates of (weight,
@@ -110,10 +121,10 @@ impl AutomaticExposer {
         power.sqrt() / gain
     }
 
-    /// The fewest exposures beyond `first`, and of those the shortest, that reach `limit`; the best there are if none does.
-    fn fewest(&self, pixels: &[(f64, f64)], gain: f64, limit: f64) -> Vec<f64> {
+    /// The fewest exposures beyond `taken`, and of those the shortest, that reach `limit`; the best there are if none does.
+    fn fewest(&self, taken: &[f64], pixels: &[(f64, f64)], gain: f64, limit: f64) -> Vec<f64> {
         let sigma = |further: &[f64]| {
-            let mut all = vec![self.shortest_s];
+            let mut all = taken.to_vec();
             all.extend(further);
             self.predicted_sigma(pixels, &all, gain)
         };
@@ -133,7 +144,8 @@ impl AutomaticExposer {
                 break;
             }
             let best = tried.iter().min_by(|a, b| a.1.total_cmp(&b.1)).expect("a ladder has steps");
-            if best.1 >= sigma(&chosen) {
+            // Nothing at all tells nothing: then the best will do.
+            if best.1 >= sigma(&chosen) && !(chosen.is_empty() && taken.is_empty()) {
                 break;
             }
             chosen.push(best.0);
@@ -167,7 +179,7 @@ impl AutomaticExposer {
 
 impl Exposer for AutomaticExposer {
     fn first(&self) -> Vec<f64> {
-        vec![self.shortest_s]
+        self.start.clone()
     }
 
     fn further(&mut self, k: usize, pair: [&ResponseImage; 2]) -> Vec<f64> {
@@ -176,6 +188,7 @@ impl Exposer for AutomaticExposer {
         }
         let limit = AIM * self.noise_rel * self.constant.expect("set above");
         let counted: Vec<usize> = (0..self.weights.len()).filter(|&p| self.weights[p] > 0.0).collect();
+        let saturated = counted.iter().any(|&p| pair.iter().any(|image| image.rate[p].is_nan()));
         let step = counted.len().div_ceil(SAMPLED_PIXELS).max(1);
         let pixels: Vec<(f64, f64)> = counted
             .iter()
@@ -183,7 +196,24 @@ impl Exposer for AutomaticExposer {
             .flat_map(|&p| pair.map(|image| (self.weights[p] * step as f64, expected_rate(image, p))))
             .filter(|(_, rate)| rate.is_finite())
             .collect();
-        if limit <= 0.0 || pixels.is_empty() { Vec::new() } else { self.fewest(&pixels, self.gains[k], limit) }
+        if limit <= 0.0 || pixels.is_empty() {
+            return Vec::new();
+        }
+        let mut taken = self.start.clone();
+        let mut further = Vec::new();
+        if saturated && !taken.contains(&self.shortest_s) {
+            taken.push(self.shortest_s);
+            further.push(self.shortest_s);
+        }
+        further.extend(self.fewest(&taken, &pixels, self.gains[k], limit));
+        if self.carries {
+            self.start = if saturated {
+                vec![self.shortest_s]
+            } else {
+                self.fewest(&[], &pixels, self.gains[k], limit)
+            };
+        }
+        further
     }
 
     fn is_adaptive(&self) -> bool {
@@ -195,19 +225,10 @@ impl Exposer for AutomaticExposer {
     }
 }
 
-/// z_00 of an even sample over the light that both frames of a step send together.
+/// z_00 of an even sample over the light that both frames of a step send together, before its gain.
 fn brightness(zone: Zone, step: &Step) -> f64 {
-    const SAMPLES: [usize; 2] = [48, 96];
-    let basis = Harmonics::zonal(zone, step.order()).expect("orders of plans are small");
-    let at = |i: usize| {
-        let (ring, sector) = (i / SAMPLES[1], i % SAMPLES[1]);
-        let mu = zone.cos_max() + (zone.cos_min() - zone.cos_max()) * (ring as f64 + 0.5) / SAMPLES[0] as f64;
-        let wi = Direction::from_mu_phi(mu, std::f64::consts::TAU * sector as f64 / SAMPLES[1] as f64);
-        step.lights(&basis.eval(&wi)).iter().sum::<f64>()
-    };
-    let n = SAMPLES[0] * SAMPLES[1];
-    let mean = (0..n).map(at).sum::<f64>() / n as f64;
-    1.0 / (mean * zone.solid_angle().sqrt())
+    let (peak, means) = step.brightness(zone);
+    1.0 / (peak * (means[0] + means[1]) * zone.solid_angle().sqrt())
 }
 
 /// The rate a pixel is expected to have: its own where that is clear of noise, else the mean of its neighbourhood of the same

@@ -259,7 +259,8 @@ fn capture(
         Some(target) => {
             let cells = CellMap::new(rig, &camera, crop, exitant_grid(rig, plan))?;
             let scale = calibration.scale.clone();
-            automatic = AutomaticExposer::new(target, &timing, sensor(rig), cells, scale, &pairs, &steps);
+            let exposer = AutomaticExposer::new(target, &timing, sensor(rig), cells, scale, &pairs, &steps);
+            automatic = if plan.adaptive.is_some() { exposer.carrying() } else { exposer };
             &mut automatic
         }
         None => {

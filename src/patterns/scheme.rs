@@ -150,6 +150,27 @@ impl Step {
         }
     }
 
+    /// The greatest light over the zone and, of each frame, its mean as a diffuse sample weighs it (by cos(theta_i)) over that
+    /// greatest.
+    pub fn brightness(&self, zone: Zone) -> (f64, [f64; 2]) {
+        const SAMPLES: [usize; 2] = [60, 120];
+        let basis = Harmonics::zonal(zone, self.order()).expect("orders of plans are small");
+        let mut values = vec![0.0; basis.len()];
+        let (mut peak, mut sums, mut whole) = (0.0f64, [0.0; 2], 0.0);
+        for ring in 0..SAMPLES[0] {
+            let mu = zone.cos_max() + (zone.cos_min() - zone.cos_max()) * (ring as f64 + 0.5) / SAMPLES[0] as f64;
+            for sector in 0..SAMPLES[1] {
+                let phi = std::f64::consts::TAU * sector as f64 / SAMPLES[1] as f64;
+                basis.eval_direction_into(&Direction::from_mu_phi(mu, phi), &mut values);
+                let lights = self.lights(&values);
+                peak = peak.max(lights[0]).max(lights[1]);
+                sums.iter_mut().zip(lights).for_each(|(sum, light)| *sum += mu * light);
+                whole += mu;
+            }
+        }
+        (peak, sums.map(|sum| sum / whole / peak))
+    }
+
     /// What it tells: one mixture if only the difference of its frames does.
     pub fn mixtures(&self) -> &[Mixture] {
         match self {

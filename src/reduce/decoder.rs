@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::{CellResponse, ReduceError};
 use crate::basis::{index, lm};
-use crate::geometry::ExitantGrid;
+use crate::geometry::{ExitantGrid, Zone};
 use crate::patterns::{Mixture, Step};
 
 /// Shares of the greatest factor below which one is rounding.
@@ -192,4 +192,30 @@ fn datum(
         let [light, sigma] = stray(k, i).unwrap_or_default();
         [value - factor * light, variance + (factor * sigma).powi(2)]
     })
+}
+
+/// Variances of the coefficients that `steps` tell, `(k, variance)`, when the rates of each step's frames have these variances
+/// over all directions. Isotropic samples are averaged over `sectors` azimuths as in [`super::Coefficients`]: as if each cell had
+/// been measured by itself.
+///
+/// # Errors
+/// [`ReduceError::NoBlack`], [`ReduceError::Undetermined`].
+pub fn coefficient_variances(
+    zone: Zone,
+    steps: &[Step],
+    gains: &[[f64; 2]],
+    variances: &[[f64; 2]],
+    isotropic: bool,
+    sectors: usize,
+) -> Result<Vec<(usize, f64)>, ReduceError> {
+    let grid = ExitantGrid::new(zone, 1, if isotropic { sectors } else { 1 });
+    let n = 3 * grid.len();
+    let response = |variance: f64| CellResponse { rate: vec![0.0; n], variance: vec![variance; n] };
+    let responses: Vec<[CellResponse; 2]> = variances.iter().map(|v| v.map(response)).collect();
+    let taken: Vec<Taken<'_>> = (steps.iter().zip(gains).zip(&responses))
+        .map(|((step, &gains), frames)| Taken { step, gains, frames: frames.each_ref() })
+        .collect();
+    let rates =
+        if isotropic { isotropic_sample(&taken, grid, &|_, _| None)? } else { any_sample(&taken, n)? };
+    Ok(rates.functions.iter().zip(&rates.cells).map(|(&k, cells)| (k, cells[0][1])).collect())
 }

@@ -13,6 +13,7 @@ use crate::store::StoreError;
 
 pub use cells::{CellMap, CellResponse};
 pub use coefficients::{CHANNEL_NAMES, CONVENTION, Coefficients};
+pub use decoder::coefficient_variances;
 pub use reducer::{ChannelScale, Reduced, Reducer};
 
 /// Why responses cannot be reduced.

@@ -12,6 +12,7 @@ use zonal::basis::{Harmonics, index, lm, size};
 use zonal::calibrate::{CalibrationSet, gray_card_coefficients};
 use zonal::capture::{Bench, Control, RunFolder};
 use zonal::fit::{Fineness, Forward, Observations};
+use zonal::forecast::FitAdviser;
 use zonal::geometry::quadrature::polar_about_mirror;
 use zonal::geometry::{Direction, ExitantGrid, Zone};
 use zonal::measure::{MeasureError, Measurement, Provenance, Request, measure};
@@ -53,7 +54,9 @@ pub fn measured(
 ) -> Result<Measurement, MeasureError> {
     let provenance = Provenance { sample: "test".into(), simulation: None, ..Default::default() };
     let control = Control::default();
-    let request = Request { rig, plan, calibration, provenance: &provenance, control: &control, adviser: None };
+    let adviser = FitAdviser::default();
+    let request =
+        Request { rig, plan, calibration, provenance: &provenance, control: &control, adviser: Some(&adviser) };
     measure(&request, bench, folder, &mut |_, _| ())
 }
 

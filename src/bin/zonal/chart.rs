@@ -1,14 +1,18 @@
 //! `zonal chart`.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::Context;
 use clap::ValueEnum;
 use zonal::convert::{PriorTable, Scan, stability_csv};
 use zonal::measure::{ControlRun, MeasureError};
-use zonal::report::{ControlReport, StabilityReport};
+use zonal::optics::Rig;
+use zonal::reflectance::{Brdf, sgd_materials};
+use zonal::report::{ControlReport, ParetoScan, StabilityReport, pareto_plans};
 use zonal::store;
+use zonal::twin::TwinConfig;
 
 use crate::common::{self, BadUsage, Report};
 
@@ -18,6 +22,8 @@ enum Name {
     Stability,
     /// Gray-card runs over time, with control limits.
     Control,
+    /// Seconds against error: plans on the rig, and ways of computing.
+    Pareto,
 }
 
 #[derive(clap::Args)]
@@ -45,9 +51,10 @@ pub struct Args {
 
 pub fn run(args: &Args) -> anyhow::Result<Report> {
     match args.name {
-        Name::Stability if !args.runs.is_empty() => {
-            Err(BadUsage("`chart stability` takes no runs: leave them out".into()).into())
+        Name::Stability | Name::Pareto if !args.runs.is_empty() => {
+            Err(BadUsage("only `chart control` takes runs: leave them out".into()).into())
         }
+        Name::Pareto => pareto(args),
         Name::Stability => stability(args),
         Name::Control => control(args),
     }
@@ -79,6 +86,57 @@ fn stability(args: &Args) -> anyhow::Result<Report> {
     let json = serde_json::json!({
         "page": page, "png": png, "svg": svg, "csv": csv,
         "materials": report.materials, "rows": report.rows.len(), "seconds": seconds,
+    });
+    Ok(Report { text, json })
+}
+
+/// Published SGD materials, of all classes, that are none of the families fitted.
+const PARETO_MATERIALS: [&str; 5] = ["red-fabric2", "yellow-matte-plastic", "blue-metallic-paint", "violet-acrylic", "chrome-steel"];
+const RIG: &str = include_str!("../../../optics/ghosh-2007-built.toml");
+
+fn pareto(args: &Args) -> anyhow::Result<Report> {
+    let started = Instant::now();
+    common::makeable(&args.out)?;
+    store::vacant(&args.out)?;
+    let rig = Rig::from_toml(RIG)?;
+    let config = TwinConfig::pinhole(args.seed);
+    let calibration = common::calibration(None, &rig, &config, None)?;
+    let known = sgd_materials();
+    let materials: Vec<(String, Arc<dyn Brdf>)> = PARETO_MATERIALS
+        .into_iter()
+        .take(args.materials)
+        .filter_map(|name| known.iter().find(|m| m.name == name))
+        .map(|m| (m.name.clone(), Arc::new(m.brdf.clone()) as Arc<dyn Brdf>))
+        .collect();
+    let scan = ParetoScan {
+        rig: &rig,
+        calibration: &calibration,
+        config: &config,
+        materials: &materials,
+        pairs: usize::from(args.max_order.min(6)),
+        plans: pareto_plans(),
+        computing: true,
+    };
+    let report = scan.run(&mut common::frames_bar("pareto"))?;
+    let sheet = report.sheet();
+    store::write_dir(&args.out, |folder| {
+        store::write(&folder.join("pareto.csv"), &report.to_csv())?;
+        store::write(&folder.join("pareto.svg"), sheet.to_svg().as_bytes())?;
+        store::write(&folder.join("pareto.png"), &sheet.to_png())?;
+        store::write(&folder.join("index.html"), report.to_html().as_bytes())
+    })?;
+    let seconds = started.elapsed().as_secs_f64();
+    let [page, png, svg, csv] =
+        ["index.html", "pareto.png", "pareto.svg", "pareto.csv"].map(|name| common::said(&args.out.join(name)));
+    let run = report.plans.iter().filter(|p| p.measured.is_some()).count();
+    let text = format!(
+        "{} plans, {run} of them run on {} materials, in {seconds:.0} s\npage: {page}\npicture: {png}\n         {svg}\ntable: {csv}",
+        report.plans.len(),
+        materials.len()
+    );
+    let json = serde_json::json!({
+        "page": page, "png": png, "svg": svg, "csv": csv, "materials": report.materials,
+        "plans": report.plans, "seed": report.seed, "computing": report.computing, "seconds": seconds,
     });
     Ok(Report { text, json })
 }

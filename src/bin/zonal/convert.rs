@@ -95,6 +95,8 @@ pub struct Args {
 pub fn run(args: &Args) -> anyhow::Result<Report> {
     let out = common::writable(&args.out)?;
     let coefficients = common::coefficients(&args.run, args.order)?;
+    // Of an adaptive run the last degree may hold some functions only.
+    let coefficients = coefficients.truncated(coefficients.complete_order());
     let order = coefficients.order;
     let Some(method) = args.method.linear() else {
         if args.both.both_sides {

@@ -16,6 +16,7 @@ mod measure;
 mod merge;
 mod patterns;
 mod plan;
+mod outlook;
 mod prior;
 mod reduce;
 mod render;
@@ -65,6 +66,8 @@ enum Command {
     Merge(merge::Args),
     /// Turns a run's zonal coefficients into spherical harmonics.
     Convert(convert::Args),
+    /// Learns the table that `plan` forecasts errors by from published materials.
+    Outlook(outlook::Args),
     /// Learns the table of `convert --method prior` from the published materials.
     Prior(prior::Args),
     /// Fits a reflection model to a run.
@@ -99,6 +102,7 @@ fn main() -> ExitCode {
         Command::Budget(args) => budget::run(&args),
         Command::Merge(args) => merge::run(&args),
         Command::Convert(args) => convert::run(&args),
+        Command::Outlook(args) => outlook::run(&args),
         Command::Prior(args) => prior::run(&args),
         Command::Fit(args) => fit::run(&args),
         Command::Compare(args) => compare::run(&args),

@@ -191,7 +191,7 @@ impl Session<'_> {
             calibration,
             provenance: &provenance,
             control: &self.control,
-            adviser: Some(&FitAdviser),
+            adviser: Some(&FitAdviser::default()),
         };
         let mut bar = common::frames_bar(sample.name.as_deref().unwrap_or("measure"));
         Ok(measure(&request, &mut bench, Some(folder), &mut bar)?)
@@ -215,7 +215,7 @@ impl Session<'_> {
             let sample = common::mounted(open(sample)?, *grain_deg);
             Ok(Box::new(self.on_time(common::bench(rig, &config, sample))))
         };
-        resume(out, &self.control, Some(&FitAdviser), bench, &mut common::frames_bar("measure"))
+        resume(out, &self.control, Some(&FitAdviser::default()), bench, &mut common::frames_bar("measure"))
     }
 
     fn on_time(&self, bench: TwinBench) -> TwinBench {

@@ -1,0 +1,132 @@
+//! Speed against accuracy on measured materials, on the simulated rig: fixed plans (positive and negative lobes, three exposures),
+//! adaptive runs and the plans that `zonal plan --budget` takes; nine RGL files, neural fits of MERL rows 0, 5, ..., 95 and
+//! every fifth ABC material.
+//!
+//! `ZONAL_CORPUS=... cargo bench --features corpus --bench adaptive_corpus`; `-- --each` lists every run, `-- --every N` takes every
+//! N-th material.
+#![allow(missing_docs)]
+
+#[path = "../tests/common/mod.rs"]
+mod common;
+
+use std::sync::Arc;
+
+use zonal::fit::{FitMethod, FitOptions, fit};
+use zonal::forecast::{Class, Expected, NoiseModel, best_plan, candidates};
+use zonal::patterns::{Adaptive, Plan, Timing};
+use zonal::reduce::Coefficients;
+use zonal::reflectance::{Brdf, Metric, built_in, open};
+use zonal::twin::TwinConfig;
+
+const BUDGETS_S: [f64; 4] = [5.0, 10.0, 20.0, 60.0];
+/// Order of the longest fixed plan that 60 s allow.
+const FIXED: usize = 7;
+
+/// One run of one material.
+struct Row {
+    material: String,
+    what: String,
+    frames: usize,
+    rig_s: f64,
+    elapsed_s: f64,
+    error: f64,
+    expected: f64,
+}
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().collect();
+    let has = |flag: &str| arguments.iter().position(|a| a == flag);
+    let every = has("--every").map_or(1, |i| arguments[i + 1].parse().expect("a number"));
+    let rig = common::rig("ghosh-2007-built");
+    let timing = Timing::of(&rig);
+    let metric = Metric::new(rig.zone());
+    let calibration = common::calibrated(&rig, &TwinConfig::pinhole(1));
+    let noise = NoiseModel::new(&rig, &Plan::of_order(2)).unwrap();
+    let budgets = BUDGETS_S.map(|seconds| {
+        let plans = candidates(&Plan::of_order(2), false);
+        (seconds, best_plan(&noise, &timing, plans, seconds, Class::Any).unwrap())
+    });
+    for (seconds, (plan, forecast)) in &budgets {
+        println!("{seconds} s: {} ({} frames, {:.1} s), error expected {:.3}", plan.name, plan.frames(), forecast.rig_s, forecast.error);
+    }
+    let mut rows: Vec<Row> = Vec::new();
+    for (i, (name, truth)) in materials().into_iter().enumerate().filter(|(i, _)| i % every == 0) {
+        let reference = metric.reference(truth.as_ref()).unwrap();
+        let config = TwinConfig::pinhole(100 + i as u64);
+        let error = |c: &Coefficients, method| {
+            let model = fit(c, method, &FitOptions::default()).unwrap().brdf;
+            reference.errors(&model).unwrap().mean.overall()
+        };
+        let mut add = |what: String, frames, rig_s, elapsed_s, error, expected| {
+            if has("--each").is_some() {
+                println!("{name}\t{what}\t{frames}\t{rig_s:.3}\t{elapsed_s:.3}\t{error:.5}\t{expected:.5}");
+            }
+            rows.push(Row { material: name.clone(), what, frames, rig_s, elapsed_s, error, expected });
+        };
+        let fixed = common::run(&rig, &Plan::of_order(FIXED), &config, &calibration, truth.clone());
+        for order in 0..=FIXED {
+            let plan = Plan::of_order(order);
+            let rig_s = plan.rig_time(&timing).total_s();
+            let known = fixed.coefficients.truncated(order);
+            add(format!("fixed {order}"), plan.frames(), rig_s, f64::NAN, error(&known, FitMethod::Auto), f64::NAN);
+        }
+        add("thesis".into(), 0, 0.0, f64::NAN, error(&fixed.coefficients, FitMethod::Thesis), f64::NAN);
+        let plan = Plan::of_order(10).adapted(Adaptive::default());
+        let run = common::run(&rig, &plan, &config, &calibration, truth.clone());
+        let expected = Expected::of(&run.coefficients).unwrap();
+        let found = reference.errors(&expected.model).unwrap().mean.overall();
+        let record = &run.record;
+        let elapsed_s = record.capture.elapsed_s + record.rig_s_items.decision_s;
+        let last = record.decisions.last().expect("one at least");
+        add(format!("adaptive {}", record.order), record.frames, record.rig_s, elapsed_s, found, last.error);
+        for (seconds, (plan, forecast)) in &budgets {
+            let run = common::run(&rig, plan, &config, &calibration, truth.clone());
+            let expected = Expected::of(&run.coefficients).unwrap();
+            let found = reference.errors(&expected.model).unwrap().mean.overall();
+            let elapsed_s = run.record.capture.elapsed_s;
+            add(format!("budget {seconds}"), plan.frames(), forecast.rig_s, elapsed_s, found, expected.error);
+        }
+    }
+    summary(&rows);
+}
+
+fn materials() -> Vec<(String, Arc<dyn Brdf>)> {
+    let abc = built_in().into_iter().filter(|m| m.family == "abc").step_by(5);
+    let abc = abc.map(|m| (format!("abc-{}", m.name), open(&m.name).unwrap()));
+    common::measured_materials().into_iter().chain(abc).collect()
+}
+
+fn summary(rows: &[Row]) {
+    let named = |what: &str| -> Vec<&Row> { rows.iter().filter(|r| r.what.starts_with(what)).collect() };
+    let errors = |rows: &[&Row]| common::median(rows.iter().map(|r| r.error).collect());
+    println!("\nmedian errors");
+    let mut best = f64::INFINITY;
+    for order in 0..=FIXED {
+        let of = named(&format!("fixed {order}"));
+        best = best.min(errors(&of));
+        println!("fixed, order {order}: {:.4}, {} frames, {:.1} s", errors(&of), of[0].frames, of[0].rig_s);
+    }
+    println!("thesis: {:.4}", errors(&named("thesis")));
+    let adaptive = named("adaptive");
+    let frames = common::median(adaptive.iter().map(|r| r.frames as f64).collect());
+    let most = adaptive.iter().map(|r| r.frames).max().unwrap_or(0);
+    println!("adaptive: {:.4} ({:.3} of the best fixed), {frames} frames (at most {most})", errors(&adaptive), errors(&adaptive) / best);
+    let no_worse = adaptive.iter().filter(|a| {
+        let fixed = rows.iter().filter(|r| r.material == a.material && r.what.starts_with("fixed") && r.frames <= a.frames);
+        fixed.map(|r| r.error).fold(f64::INFINITY, f64::min) >= a.error
+    });
+    println!("no worse than any fixed plan of as many frames: {} of {}", no_worse.count(), adaptive.len());
+    for seconds in BUDGETS_S {
+        let of = named(&format!("budget {seconds}"));
+        let rivals: Vec<String> = (0..=FIXED)
+            .map(|order| named(&format!("fixed {order}")))
+            .filter(|f| f[0].rig_s <= seconds)
+            .map(|f| format!("{:.4}", errors(&f)))
+            .collect();
+        println!("budget {seconds} s: {:.4}, fixed plans of that length {}", errors(&of), rivals.join(" "));
+    }
+    let foretold: Vec<&Row> = rows.iter().filter(|r| r.expected.is_finite()).collect();
+    let near = foretold.iter().filter(|r| (r.error / r.expected).ln().abs() < 1.5f64.ln()).count();
+    let on_time = foretold.iter().filter(|r| (r.elapsed_s / r.rig_s - 1.0).abs() < 0.05).count();
+    println!("errors within a factor 1.5 of what was expected: {near} of {}; seconds within 5%: {on_time}", foretold.len());
+}

@@ -1,0 +1,60 @@
+//! The plan that makes the most of some seconds.
+
+use rayon::prelude::*;
+
+use super::outlook::{Class, Forecast, NoPlan, Outlook};
+use super::NoiseModel;
+use crate::patterns::{ExposureBracket, Plan, Scheme, Timing};
+
+/// Highest order of plans that are tried.
+const HIGHEST: usize = 10;
+/// Brackets that are tried: refresh periods of the shortest exposure, ratio, number. The shortest holds the brightest lobes.
+const BRACKETS: [(u32, u32, u32); 4] = [(1, 4, 1), (1, 4, 2), (1, 16, 2), (1, 4, 3)];
+/// Repeats that are tried.
+const REPEATS: [usize; 6] = [1, 2, 3, 4, 6, 8];
+/// Errors nearer than this are the same: of such plans the fastest is taken.
+const ALIKE: f64 = 0.002;
+
+/// All plans worth a thought for samples that are isotropic, or for any; exitant directions and colours are those of `like`.
+pub fn candidates(like: &Plan, any_sample: bool) -> Vec<Plan> {
+    let schemes = Scheme::ALL.into_iter().filter(|s| !(any_sample && s.is_isotropic()));
+    let mut plans = Vec::new();
+    for scheme in schemes {
+        for order in (0..=HIGHEST).filter(|&order| scheme.step_count(order).is_ok()) {
+            for (shortest_refreshes, spacing, count) in BRACKETS {
+                for repeats in REPEATS {
+                    let exposure = Some(ExposureBracket { count, shortest_refreshes, spacing });
+                    let plan = Plan::of_order(order).by(scheme);
+                    let name = format!("{}-{count}x{repeats}", plan.name);
+                    plans.push(Plan { name, repeats, exposure, exitant: like.exitant, colour: like.colour, ..plan });
+                }
+            }
+        }
+    }
+    plans
+}
+
+/// The plan of at most `budget_s` seconds that is expected to leave the least error for a class; of those alike the fastest.
+///
+/// # Errors
+/// [`NoPlan`].
+pub fn best_plan(
+    noise: &NoiseModel,
+    timing: &Timing,
+    plans: Vec<Plan>,
+    budget_s: f64,
+    class: Class,
+) -> Result<(Plan, Forecast), NoPlan> {
+    let times: Vec<f64> = plans.iter().map(|p| p.rig_time(timing).total_s()).collect();
+    let least_s = times.iter().copied().fold(f64::INFINITY, f64::min);
+    let within: Vec<Plan> = plans.into_iter().zip(&times).filter(|(_, t)| **t <= budget_s).map(|(p, _)| p).collect();
+    let outlook = Outlook::built_in();
+    let forecast = |plan: Plan| outlook.forecast(noise, timing, &plan, class).ok().map(|f| (plan, f));
+    let known: Vec<(Plan, Forecast)> = within.into_par_iter().filter_map(forecast).collect();
+    let least = known.iter().map(|(_, f)| f.error).fold(f64::INFINITY, f64::min);
+    known
+        .into_iter()
+        .filter(|(_, f)| f.error <= least * (1.0 + ALIKE))
+        .min_by(|a, b| a.1.rig_s.total_cmp(&b.1.rig_s))
+        .ok_or(NoPlan { budget_s, least_s })
+}
