@@ -12,9 +12,6 @@ const HIGHEST: usize = 10;
 const BRACKETS: [(u32, u32, u32); 4] = [(1, 4, 1), (1, 4, 2), (1, 16, 2), (1, 4, 3)];
 /// Repeats that are tried.
 const REPEATS: [usize; 6] = [1, 2, 3, 4, 6, 8];
-/// Errors nearer than this are the same: of such plans the fastest is taken.
-const ALIKE: f64 = 0.002;
-
 /// All plans worth a thought for samples that are isotropic, or for any; exitant directions and colours are those of `like`.
 pub fn candidates(like: &Plan, any_sample: bool) -> Vec<Plan> {
     let schemes = Scheme::ALL.into_iter().filter(|s| !(any_sample && s.is_isotropic()));
@@ -34,7 +31,7 @@ pub fn candidates(like: &Plan, any_sample: bool) -> Vec<Plan> {
     plans
 }
 
-/// The plan of at most `budget_s` seconds that is expected to leave the least error for a class; of those alike the fastest.
+/// The plan of at most `budget_s` seconds that is expected to leave the least error for a class; of equals the fastest.
 ///
 /// # Errors
 /// [`NoPlan`].
@@ -51,10 +48,8 @@ pub fn best_plan(
     let outlook = Outlook::built_in();
     let forecast = |plan: Plan| outlook.forecast(noise, timing, &plan, class).ok().map(|f| (plan, f));
     let known: Vec<(Plan, Forecast)> = within.into_par_iter().filter_map(forecast).collect();
-    let least = known.iter().map(|(_, f)| f.error).fold(f64::INFINITY, f64::min);
-    known
-        .into_iter()
-        .filter(|(_, f)| f.error <= least * (1.0 + ALIKE))
-        .min_by(|a, b| a.1.rig_s.total_cmp(&b.1.rig_s))
-        .ok_or(NoPlan { budget_s, least_s })
+    let order = |(_, a): &(Plan, Forecast), (_, b): &(Plan, Forecast)| {
+        a.error.total_cmp(&b.error).then(a.rig_s.total_cmp(&b.rig_s))
+    };
+    known.into_iter().min_by(order).ok_or(NoPlan { budget_s, least_s })
 }

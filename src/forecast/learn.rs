@@ -17,6 +17,8 @@ use crate::reflectance::{Brdf, Metric};
 const ORDERS: [usize; 8] = [0, 1, 2, 3, 4, 6, 8, 10];
 /// About no noise, and as much as short exposures leave, of a single direction over z_00.
 const NOISES: [f64; 2] = [1e-4, 0.03];
+/// Errors are no smaller: a model that is exact has none.
+const LEAST: f64 = 1e-3;
 /// Exitant directions.
 const GRID: [usize; 2] = [32, 64];
 
@@ -99,12 +101,13 @@ pub fn learn(zone: Zone, materials: &[&dyn Brdf], seed: u64) -> Result<Outlook, 
         let members: Vec<usize> =
             (0..materials.len()).filter(|&i| class == Class::Any || classes[i] == class).collect();
         let orders = ORDERS.iter().enumerate().map(|(o, &order)| {
-            let median = |which: usize| {
-                let mut all: Vec<f64> = members.iter().map(|&i| errors[i][o][which]).filter(|e| e.is_finite()).collect();
-                all.sort_by(f64::total_cmp);
-                all[all.len() / 2]
+            // Geometric means change smoothly from order to order where medians jump from one material to the next.
+            let mean = |which: usize| {
+                let all = members.iter().map(|&i| errors[i][o][which]).filter(|e| e.is_finite());
+                let (sum, n) = all.fold((0.0, 0), |(s, n), e| (s + (e + LEAST).ln(), n + 1));
+                (sum / f64::from(n)).exp()
             };
-            AtOrder { order, misfit: median(0), per_noise: median(1) / NOISES[1] }
+            AtOrder { order, misfit: mean(0), per_noise: mean(1) / NOISES[1] }
         });
         (!members.is_empty()).then(|| ClassTable { class, materials: members.len(), orders: orders.collect() })
     };

@@ -56,7 +56,7 @@ impl Class {
     }
 }
 
-/// Median errors of a class at one order: [`crate::reflectance::ChannelErrors::overall`] of the fit `auto`.
+/// Errors of a class at one order, geometric means: [`crate::reflectance::ChannelErrors::overall`] of the fit `auto`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AtOrder {
@@ -109,7 +109,7 @@ pub struct Forecast {
     pub rig_s_items: RigTime,
     /// Noise of the coefficients of a sample with an albedo of 0.3, over z_00.
     pub noise_rel: f64,
-    /// Median error over the class: 1 is as large as the signal.
+    /// Error to expect of the class: 1 is as large as the signal.
     pub error: f64,
 }
 

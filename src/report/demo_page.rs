@@ -12,6 +12,7 @@ pub fn page(report: &DemoReport) -> String {
         summary(&report.material, &report.record, &off(report)),
         fit_sections::warnings(&report.fits),
         spheres(report),
+        plans(report),
         speed(report),
         fit_sections::chosen(&report.fits),
         fit_sections::comparison(&report.fits),
@@ -48,11 +49,21 @@ fn spheres(report: &DemoReport) -> String {
     heading("What was measured, against the truth") + &gallery("pictures", &report.spheres)
 }
 
+/// What other plans, run on the same material, leave of it.
+fn plans(report: &DemoReport) -> String {
+    report.pareto.as_ref().map_or_else(String::new, |pareto| {
+        heading("What time on the rig buys")
+            + "<p class=\"note\">Errors of a fit of this material, one figure for all four of <code>zonal compare</code>; \
+               <code>zonal chart pareto</code> draws this for several materials.</p>\n"
+            + &pareto.sheet().to_html()
+    })
+}
+
 fn speed(report: &DemoReport) -> String {
     if report.accuracy.is_empty() {
         return String::new();
     }
-    heading("Speed against accuracy")
+    heading("Speed against accuracy of the conversion")
         + &chart_figure(
             &accuracy_chart(&report.accuracy),
             "L: zonal order. Rig time is what the plan takes on the physical rig; down and left is better.",

@@ -38,7 +38,7 @@ pub use control::ControlReport;
 pub use fits::{Fits, MethodFit};
 pub use measured::{accuracy, conversions, converted, pictures, slices, spectrum};
 pub use pareto::{ComputePoint, ParetoReport, PlanPoint, SeedPoint, Stage};
-pub use pareto_runs::{ParetoError, ParetoScan, pareto_plans};
+pub use pareto_runs::{ParetoError, ParetoRuns, ParetoScan, pareto_plans};
 pub use png::{pattern_png, plane_png};
 pub use sheet::Sheet;
 pub use stability::StabilityReport;
@@ -163,6 +163,8 @@ pub struct DemoReport {
     pub spheres: Vec<Picture>,
     /// Error against time, one point for each order.
     pub accuracy: Vec<AccuracyPoint>,
+    /// Plans on the plane of rig time against the error of a fit.
+    pub pareto: Option<ParetoReport>,
     /// All methods of conversion tried.
     pub methods: Vec<MethodRow>,
     /// All models fitted.

@@ -41,8 +41,16 @@ pub struct ParetoScan<'a> {
     pub pairs: usize,
     /// Further plans that are run.
     pub plans: Vec<Plan>,
-    /// Whether ways of computing are timed too, on the first material.
+    /// Whether ways of computing are timed too, on the material in the middle of the list.
     pub computing: bool,
+}
+
+/// What a scan found.
+pub struct ParetoRuns {
+    /// The chart.
+    pub report: ParetoReport,
+    /// Coefficients of the run of pairs, one for each material.
+    pub pairs: Vec<Coefficients>,
 }
 
 /// Why there is no chart.
@@ -89,7 +97,7 @@ impl ParetoScan<'_> {
     ///
     /// # Errors
     /// [`ParetoError`].
-    pub fn run(&self, progress: &mut dyn FnMut(usize, usize)) -> Result<ParetoReport, ParetoError> {
+    pub fn run(&self, progress: &mut dyn FnMut(usize, usize)) -> Result<ParetoRuns, ParetoError> {
         let metric = Metric::new(self.rig.zone());
         let total = self.materials.len() * (self.plans.len() + 1) + usize::from(self.computing);
         let mut done = 0;
@@ -99,6 +107,7 @@ impl ParetoScan<'_> {
         };
         let mut runs: Vec<Vec<Run>> = Vec::new();
         let mut computing = Vec::new();
+        let mut pairs = Vec::new();
         for (i, (_, brdf)) in self.materials.iter().enumerate() {
             let config = TwinConfig { seed: self.config.seed + i as u64, ..self.config.clone() };
             // One bench: patterns that several plans show are computed once.
@@ -137,7 +146,7 @@ impl ParetoScan<'_> {
                 }
                 step();
             }
-            if i == 0 && self.computing {
+            if i == self.materials.len() / 2 && self.computing {
                 let (known, truth) = (whole.coefficients.truncated(PUBLISHED[0].0), brdf.as_ref());
                 computing = self.conversions(&known, truth)?;
                 computing.extend(self.fits(&known, &metric, truth)?);
@@ -145,8 +154,9 @@ impl ParetoScan<'_> {
                 step();
             }
             runs.push(of_material);
+            pairs.push(whole.coefficients);
         }
-        Ok(ParetoReport {
+        let report = ParetoReport {
             materials: self.materials.iter().map(|(name, _)| name.clone()).collect(),
             plans: self.points(&runs)?,
             computing,
@@ -157,7 +167,8 @@ impl ParetoScan<'_> {
                 ("Prediction".into(), "misfit of the families to published SGD materials by class and order, and the noise model of the rig: data/outlook.toml".into()),
                 ("Order 10 of the published method".into(), "its fit to coefficients measured by isotropic mixtures".into()),
             ],
-        })
+        };
+        Ok(ParetoRuns { report, pairs })
     }
 
     fn measured(&self, plan: &Plan, bench: &mut TwinBench) -> Result<Measurement, MeasureError> {
@@ -289,7 +300,7 @@ impl ParetoScan<'_> {
         let fine = Accuracy::default();
         let coarse = Accuracy { dome_nodes: 1597, lobe_nodes: 987, sectors: 64, rings_per_lobe: 1.0 };
         let (_, best) = rig_run(Accuracy::doubled())?;
-        for (name, accuracy) in [("rig", fine), ("rig, half the nodes", coarse)] {
+        for (name, accuracy) in [("rig", fine), ("rig, half", coarse)] {
             let (seconds, found) = rig_run(accuracy)?;
             points.push(simulation(name, seconds, apart(&found, &best), false));
         }
@@ -300,7 +311,7 @@ impl ParetoScan<'_> {
             Ok((started.elapsed().as_secs_f64(), found))
         };
         let (_, exact) = rule(Fineness { radial: 96, around: 192 })?;
-        let fineness = [("great circles, coarse", 16, 32), ("great circles", 32, 64), ("great circles, fine", 48, 96)];
+        let fineness = [("polar 16", 16, 32), ("polar 32", 32, 64), ("polar 48", 48, 96)];
         for (name, radial, around) in fineness {
             let (seconds, found) = rule(Fineness { radial, around })?;
             points.push(simulation(name, seconds, differ(&found, &exact, folded.terms.len()), false));

@@ -62,6 +62,7 @@ fn report(text: &str) -> DemoReport {
         }],
         spheres: vec![picture()],
         accuracy: [2, 4].map(|order| AccuracyPoint { order, rig_s: 20.0, error_in: 0.1, error_out: 0.2 }).into(),
+        pareto: None,
         methods: [None, Some(text.to_owned())]
             .map(|refused| MethodRow {
                 method: text.into(),

@@ -117,7 +117,7 @@ fn pareto(args: &Args) -> anyhow::Result<Report> {
         plans: pareto_plans(),
         computing: true,
     };
-    let report = scan.run(&mut common::frames_bar("pareto"))?;
+    let report = scan.run(&mut common::frames_bar("pareto"))?.report;
     let sheet = report.sheet();
     store::write_dir(&args.out, |folder| {
         store::write(&folder.join("pareto.csv"), &report.to_csv())?;

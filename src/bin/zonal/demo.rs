@@ -10,11 +10,12 @@ use zonal::export::ShMaterial;
 use zonal::fit::{CalibrationUncertainty, FitMethod};
 use zonal::measure::{Measurement, Provenance, Request, lobe_pairs, measure};
 use zonal::optics::Rig;
-use zonal::patterns::Plan;
+use zonal::patterns::{Plan, Scheme};
 use zonal::reflectance::{Brdf, ZoneErrors, open};
 use zonal::render::Shape;
 use zonal::report::{
-    DemoReport, Fits, Picture, accuracy, conversions, converted, pattern_png, pictures, plane_png, slices, spectrum,
+    DemoReport, Fits, ParetoRuns, ParetoScan, Picture, accuracy, conversions, converted, pareto_plans, pattern_png,
+    pictures, plane_png, slices, spectrum,
 };
 use zonal::store;
 use zonal::twin::TwinConfig;
@@ -67,12 +68,21 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     let exr = run.join("sh-parity.exr");
     sh.write(&exr)?;
 
-    // The chart's orders are the beginnings of one longer run.
-    let mut bar = common::frames_bar("orders 0-6");
-    let longer = measure(&Request { plan: &Plan::of_order(CHART_ORDER), ..request }, &mut bench, None, &mut bar)?;
+    // The chart's orders are the beginnings of one longer run; other schemes and the adaptive one stand beside it.
+    let samples = [(args.material.clone(), truth.clone())];
+    let scan = ParetoScan {
+        rig: &rig,
+        calibration: &calibration,
+        config: &config,
+        materials: &samples,
+        pairs: CHART_ORDER,
+        plans: pareto_plans().into_iter().filter(|p| matches!(p.scheme, Scheme::Pairs | Scheme::Isotropic)).collect(),
+        computing: false,
+    };
+    let runs = scan.run(&mut common::frames_bar("other plans"))?;
 
     let errors = ZoneErrors::new(&sh, truth.as_ref(), rig.zone());
-    let page = Results { args, rig, plan, config, calibration, measured, longer, truth, sh }.page()?;
+    let page = Results { args, rig, plan, config, calibration, measured, runs, truth, sh }.page()?;
     let html = args.out.join("index.html");
     store::write(&html, page.to_html().as_bytes())?;
     let record = &page.record;
@@ -110,7 +120,7 @@ struct Results<'a> {
     config: TwinConfig,
     calibration: CalibrationSet,
     measured: Measurement,
-    longer: Measurement,
+    runs: ParetoRuns,
     truth: Arc<dyn Brdf>,
     sh: ShMaterial,
 }
@@ -137,7 +147,8 @@ impl Results<'_> {
             spectrum: spectrum(coefficients, &fits.chosen().brdf)?,
             slices: slices(coefficients, Some(truth), &fits.curves())?,
             spheres: pictures(&[Shape::Sphere], "measured", &self.sh, Some(truth)),
-            accuracy: accuracy(&self.rig, &self.longer.coefficients, truth)?,
+            accuracy: accuracy(&self.rig, &self.runs.pairs[0], truth)?,
+            pareto: Some(self.runs.report.clone()),
             methods: conversions(coefficients, truth)?,
             fits,
             provenance: vec![
