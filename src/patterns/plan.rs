@@ -464,6 +464,24 @@ mod tests {
     }
 
     #[test]
+    fn plans_of_isotropic_samples_are_a_fraction_and_adaptive_ones_come_in_stages() {
+        let isotropic = Plan::from_toml(include_str!("../../patterns/order-10-isotropic.toml")).unwrap();
+        assert_eq!(isotropic, Plan::of_order(10).by(Scheme::Isotropic));
+        assert_eq!((isotropic.images(), isotropic.frames()), (22, 66));
+        assert!((isotropic.rig_time(&THESIS_RIG).total_s() - 8.8).abs() < 1e-9);
+        let adaptive = Plan::from_toml(include_str!("../../patterns/order-10-adaptive.toml")).unwrap();
+        assert_eq!(adaptive.name, Plan::of_order(10).adapted(Adaptive::default()).name);
+        assert_eq!(Plan::from_toml(&adaptive.to_toml()).unwrap(), adaptive);
+        let zone = Zone::from_degrees(9.0, 57.0).unwrap();
+        let stages = adaptive.stages(zone);
+        let isotropic: Vec<usize> = stages.iter().filter(|s| s.isotropic).map(|s| s.order).collect();
+        let any: Vec<usize> = stages.iter().filter(|s| !s.isotropic).map(|s| s.order).collect();
+        assert_eq!((isotropic, any), (vec![2, 4, 6, 8, 10], vec![2, 3, 4, 5, 6]));
+        assert!(stages.windows(2).all(|w| w[0].steps.end == w[1].steps.start));
+        assert_eq!(stages.last().unwrap().steps.end, adaptive.steps(zone).len());
+    }
+
+    #[test]
     fn plans_survive_a_round_trip_and_bad_ones_are_named() {
         let plan = Plan::of_order(6);
         assert_eq!(Plan::from_toml(&plan.to_toml()).unwrap(), plan);

@@ -1,0 +1,176 @@
+//! Adaptive acquisitions on the simulated rig: no more than a sample needs, and the same after an interruption.
+
+mod common;
+
+use std::sync::{Arc, LazyLock};
+
+use zonal::calibrate::CalibrationSet;
+use zonal::capture::{Control, RunFolder};
+use zonal::fit::{FitMethod, FitOptions, fit};
+use zonal::forecast::FitAdviser;
+use zonal::measure::{MeasureError, Measurement, Provenance, Request, measure, reduce_run, resume};
+use zonal::optics::Rig;
+use zonal::patterns::{Adaptive, Exitant, Plan};
+use zonal::reduce::Coefficients;
+use zonal::reflectance::{Brdf, Ggx, GgxLobe, Lambert, Metric, open, sgd_materials};
+use zonal::twin::{TwinBench, TwinConfig};
+
+static COARSE: LazyLock<Rig> = LazyLock::new(|| common::coarse(common::rig("ghosh-2007-built"), 2));
+static CALIBRATION: LazyLock<CalibrationSet> = LazyLock::new(|| common::calibrated(&COARSE, &TwinConfig::pinhole(1)));
+
+fn plan(order: usize) -> Plan {
+    let exitant = Exitant { rings: 16, sectors: 32 };
+    Plan { exitant, ..Plan::of_order(order) }.adapted(Adaptive::default())
+}
+
+fn run(plan: &Plan, seed: u64, sample: Arc<dyn Brdf>) -> Measurement {
+    common::run(&COARSE, plan, &TwinConfig::pinhole(seed), &CALIBRATION, sample)
+}
+
+fn sgd(name: &str) -> Arc<dyn Brdf> {
+    let all = sgd_materials();
+    Arc::new(all.into_iter().find(|m| m.name == name).unwrap_or_else(|| panic!("no {name}")).brdf)
+}
+
+fn error(coefficients: &Coefficients, method: FitMethod, truth: &dyn Brdf) -> f64 {
+    let model = fit(coefficients, method, &FitOptions::default()).unwrap().brdf;
+    Metric::new(COARSE.zone()).errors(truth, &model).unwrap().mean.overall()
+}
+
+#[test]
+fn diffuse_and_satin_samples_stop_at_order_2_and_glossy_ones_go_on() {
+    let order_2: [(&str, Arc<dyn Brdf>); 4] = [
+        ("gray card", open("gray-card").unwrap()),
+        ("black velvet", Arc::new(Lambert::gray(0.01))),
+        ("satin", open("ggx-0.4").unwrap()),
+        ("satin plastic", open("yellow-matte-plastic").unwrap()),
+    ];
+    for (name, sample) in order_2 {
+        let record = run(&plan(10), 1, sample).record;
+        println!("{name}: order {}, {} frames, {:?}", record.order, record.frames, record.decisions.last());
+        assert_eq!(record.order, 2, "{name}");
+        assert!(record.isotropic && record.images == 6, "{name}");
+    }
+    let mut further = 0;
+    for name in ["blue-acrylic", "violet-acrylic", "specular-violet-phenolic"] {
+        let record = run(&plan(10), 2, sgd(name)).record;
+        println!("{name}: order {}, {} frames, {:.2} s", record.order, record.frames, record.rig_s);
+        further += usize::from(record.order > 2);
+    }
+    assert!(further >= 2, "{further} of 3 glossy samples were followed beyond order 2");
+}
+
+#[test]
+fn dark_samples_get_longer_exposures() {
+    let exposure = |albedo: f64| {
+        let record = run(&plan(2), 3, Arc::new(Lambert::gray(albedo))).record;
+        record.rig_s_items.exposure_s / record.frames as f64
+    };
+    let [dark, white] = [exposure(0.02), exposure(0.8)];
+    assert!(dark > 2.0 * white, "{dark} {white}");
+}
+
+#[test]
+#[cfg_attr(not(feature = "thorough"), ignore = "takes long: --features thorough")]
+fn brushed_samples_are_taken_direction_by_direction() {
+    let truth = open("ggx-0.1-0.4").unwrap();
+    let measured = run(&plan(6), 4, truth.clone());
+    let record = &measured.record;
+    println!("order {}, {} images, {:?}", record.order, record.images, record.decisions);
+    assert!(!record.isotropic && record.decisions[0].reason.contains("isotropy"));
+    // Pairs of order 2 at least, beside the three mixtures that told so.
+    assert!(record.images >= 2 * (9 + 3));
+    let off = error(&measured.coefficients, FitMethod::Auto, truth.as_ref());
+    assert!(off < 0.02, "{off}");
+}
+
+/// Seconds on the rig that a foil-like sample may take.
+const FOIL_S: f64 = 15.0;
+
+#[test]
+#[cfg_attr(not(feature = "thorough"), ignore = "takes long: --features thorough")]
+fn a_foil_is_better_known_in_seconds_than_by_the_published_way_in_minutes() {
+    // Two lobes and a tail that no single family has.
+    let lobe = |alpha: f64, f0: f64| GgxLobe { alpha: [alpha; 2], f0: [f0; 3], f90: [1.0; 3] };
+    let foil = Ggx { kd: [0.01; 3], lobes: vec![lobe(0.06, 0.6), lobe(0.2, 0.25)] };
+    for (name, truth) in [("foil", Arc::new(foil) as Arc<dyn Brdf>), ("chrome steel", sgd("chrome-steel"))] {
+        let published = Plan { exitant: Exitant { rings: 16, sectors: 32 }, ..Plan::of_order(10) };
+        let pairs = run(&published, 5, truth.clone());
+        assert_eq!(pairs.record.frames, 726);
+        let theirs = error(&pairs.coefficients, FitMethod::Thesis, truth.as_ref());
+        let adaptive = run(&plan(10), 5, truth.clone());
+        let ours = error(&adaptive.coefficients, FitMethod::Auto, truth.as_ref());
+        let record = &adaptive.record;
+        let total_s = record.rig_s + record.capture.preparation_s;
+        println!(
+            "{name}: {} frames, {total_s:.1} s ({:?}, making ready {:.1} s), error {ours:.4}; published: 726 frames, {:.0} s here, error {theirs:.4}",
+            record.frames, record.rig_s_items, record.capture.preparation_s, pairs.record.rig_s
+        );
+        assert!(ours < theirs && total_s <= FOIL_S, "{name}: {ours} {theirs} {total_s}");
+    }
+}
+
+#[test]
+fn an_interrupted_run_decides_alike_and_ends_in_the_same_bits() {
+    let (rig, plan, config) = (&*COARSE, plan(6), TwinConfig::pinhole(6));
+    let sample = || sgd("blue-acrylic");
+    let folder = tempfile::tempdir().unwrap();
+    let taken = |name: &str, stop_after: Option<usize>| {
+        let path = folder.path().join(name);
+        let run = RunFolder::create(&path, false).unwrap();
+        let provenance = Provenance { sample: "test".into(), ..Default::default() };
+        let (control, adviser) = (Control::default(), FitAdviser::default());
+        let stop = control.clone();
+        let request = Request {
+            rig,
+            plan: &plan,
+            calibration: &CALIBRATION,
+            provenance: &provenance,
+            control: &control,
+            adviser: Some(&adviser),
+        };
+        let mut bench = TwinBench::new(rig, config.clone(), sample());
+        let outcome = measure(&request, &mut bench, Some(&run), &mut |done, _| {
+            if stop_after == Some(done) {
+                stop.abort();
+            }
+        });
+        (path, outcome)
+    };
+    let (whole_path, whole) = taken("whole", None);
+    let whole = whole.unwrap();
+    for stop_after in [5, 9] {
+        let (path, outcome) = taken(&format!("stopped-{stop_after}"), Some(stop_after));
+        assert!(matches!(outcome, Err(MeasureError::Capture(_))), "stopped after {stop_after} frames");
+        let adviser = FitAdviser::default();
+        let bench = |rig: &Rig, _: &_| -> Result<Box<dyn zonal::capture::Bench>, MeasureError> {
+            Ok(Box::new(TwinBench::new(rig, config.clone(), sample())))
+        };
+        let resumed = resume(&path, &Control::default(), Some(&adviser), bench, &mut |_, _| ()).unwrap();
+        let orders = |m: &Measurement| m.record.decisions.iter().map(|d| (d.order, d.images)).collect::<Vec<_>>();
+        assert_eq!(orders(&resumed), orders(&whole));
+        assert_eq!(resumed.record.frames, whole.record.frames);
+        assert_eq!(resumed.coefficients.values.len(), whole.coefficients.values.len());
+    }
+    let (again, record) = reduce_run(&whole_path, None, None).unwrap();
+    assert_eq!(record.steps, whole.record.steps);
+    let bits = |c: &Coefficients| c.values.iter().map(|z| z.to_bits()).collect::<Vec<_>>();
+    assert_eq!(bits(&again), bits(&whole.coefficients));
+}
+
+#[test]
+fn an_adaptive_plan_needs_an_adviser() {
+    let provenance = Provenance::default();
+    let (plan, control) = (plan(4), Control::default());
+    let request = Request {
+        rig: &COARSE,
+        plan: &plan,
+        calibration: &CALIBRATION,
+        provenance: &provenance,
+        control: &control,
+        adviser: None,
+    };
+    let mut bench = TwinBench::new(&COARSE, TwinConfig::pinhole(1), open("gray-card").unwrap());
+    let error = measure(&request, &mut bench, None, &mut |_, _| ()).err().unwrap();
+    assert!(matches!(error, MeasureError::NoAdviser) && error.to_string().contains("--adaptive"));
+}
