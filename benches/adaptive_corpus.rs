@@ -47,7 +47,13 @@ fn main() {
         (seconds, best_plan(&noise, &timing, plans, seconds, Class::Any).unwrap())
     });
     for (seconds, (plan, forecast)) in &budgets {
-        println!("{seconds} s: {} ({} frames, {:.1} s), error expected {:.3}", plan.name, plan.frames(), forecast.rig_s, forecast.error);
+        println!(
+            "{seconds} s: {} ({} frames, {:.1} s), error expected {:.3}",
+            plan.name,
+            plan.frames(),
+            forecast.rig_s,
+            forecast.error
+        );
     }
     let mut rows: Vec<Row> = Vec::new();
     for (i, (name, truth)) in materials().into_iter().enumerate().filter(|(i, _)| i % every == 0) {
@@ -110,9 +116,14 @@ fn summary(rows: &[Row]) {
     let adaptive = named("adaptive");
     let frames = common::median(adaptive.iter().map(|r| r.frames as f64).collect());
     let most = adaptive.iter().map(|r| r.frames).max().unwrap_or(0);
-    println!("adaptive: {:.4} ({:.3} of the best fixed), {frames} frames (at most {most})", errors(&adaptive), errors(&adaptive) / best);
+    println!(
+        "adaptive: {:.4} ({:.3} of the best fixed), {frames} frames (at most {most})",
+        errors(&adaptive),
+        errors(&adaptive) / best
+    );
     let no_worse = adaptive.iter().filter(|a| {
-        let fixed = rows.iter().filter(|r| r.material == a.material && r.what.starts_with("fixed") && r.frames <= a.frames);
+        let fixed =
+            rows.iter().filter(|r| r.material == a.material && r.what.starts_with("fixed") && r.frames <= a.frames);
         fixed.map(|r| r.error).fold(f64::INFINITY, f64::min) >= a.error
     });
     println!("no worse than any fixed plan of as many frames: {} of {}", no_worse.count(), adaptive.len());
@@ -128,5 +139,8 @@ fn summary(rows: &[Row]) {
     let foretold: Vec<&Row> = rows.iter().filter(|r| r.expected.is_finite()).collect();
     let near = foretold.iter().filter(|r| (r.error / r.expected).ln().abs() < 1.5f64.ln()).count();
     let on_time = foretold.iter().filter(|r| (r.elapsed_s / r.rig_s - 1.0).abs() < 0.05).count();
-    println!("errors within a factor 1.5 of what was expected: {near} of {}; seconds within 5%: {on_time}", foretold.len());
+    println!(
+        "errors within a factor 1.5 of what was expected: {near} of {}; seconds within 5%: {on_time}",
+        foretold.len()
+    );
 }

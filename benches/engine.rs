@@ -29,8 +29,14 @@ fn main() {
     let floor_s = plan.rig_time(&Timing::of(&rig)).total_s();
     let provenance = Provenance { sample: "red-plastic".into(), ..Provenance::default() };
     let control = Control::default();
-    let request =
-        Request { rig: &rig, plan: &plan, calibration: &calibration, provenance: &provenance, control: &control, adviser: None };
+    let request = Request {
+        rig: &rig,
+        plan: &plan,
+        calibration: &calibration,
+        provenance: &provenance,
+        control: &control,
+        adviser: None,
+    };
     println!("order 4, {} frames, floor {floor_s:.1} s", plan.frames());
     // In its own time first: what mirrors and sample do to the plan's light is then known and takes no time.
     let mut known = twin();

@@ -29,7 +29,7 @@ fn run(plan: &Plan, seed: u64, sample: Arc<dyn Brdf>) -> Measurement {
 
 fn sgd(name: &str) -> Arc<dyn Brdf> {
     let all = sgd_materials();
-    Arc::new(all.into_iter().find(|m| m.name == name).unwrap_or_else(|| panic!("no {name}")).brdf)
+    Arc::new(all.iter().find(|m| m.name == name).unwrap_or_else(|| panic!("no {name}")).brdf)
 }
 
 fn error(coefficients: &Coefficients, method: FitMethod, truth: &dyn Brdf) -> f64 {
@@ -38,6 +38,7 @@ fn error(coefficients: &Coefficients, method: FitMethod, truth: &dyn Brdf) -> f6
 }
 
 #[test]
+#[cfg_attr(not(feature = "thorough"), ignore = "takes long: --features thorough")]
 fn diffuse_and_satin_samples_stop_at_order_2_and_glossy_ones_go_on() {
     let order_2: [(&str, Arc<dyn Brdf>); 4] = [
         ("gray card", open("gray-card").unwrap()),
@@ -61,6 +62,7 @@ fn diffuse_and_satin_samples_stop_at_order_2_and_glossy_ones_go_on() {
 }
 
 #[test]
+#[cfg_attr(not(feature = "thorough"), ignore = "takes long: --features thorough")]
 fn dark_samples_get_longer_exposures() {
     let exposure = |albedo: f64| {
         let record = run(&plan(2), 3, Arc::new(Lambert::gray(albedo))).record;
@@ -111,6 +113,7 @@ fn a_foil_is_better_known_in_seconds_than_by_the_published_way_in_minutes() {
 }
 
 #[test]
+#[cfg_attr(not(feature = "thorough"), ignore = "takes long: --features thorough")]
 fn an_interrupted_run_decides_alike_and_ends_in_the_same_bits() {
     let (rig, plan, config) = (&*COARSE, plan(6), TwinConfig::pinhole(6));
     let sample = || sgd("blue-acrylic");

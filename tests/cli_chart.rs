@@ -59,6 +59,32 @@ fn the_chart_of_stability_is_a_table_a_picture_and_a_page() {
     assert!(again.status.code() == Some(2) && text(&again.stderr).contains("nothing is overwritten"));
 }
 
+/// One material and short runs: what the picture is about is seen all the same.
+#[test]
+#[cfg_attr(not(feature = "thorough"), ignore = "takes long: --features thorough")]
+fn the_chart_of_time_is_a_table_a_picture_and_a_page() {
+    let desk = tempfile::tempdir().unwrap();
+    let output = zonal(desk.path(), "chart pareto --out pareto --materials 1 --max-order 4 --json");
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let said: Value = serde_json::from_slice(&output.stdout).expect("one JSON value and nothing else");
+    let plans = said["plans"].as_array().unwrap();
+    let run = plans.iter().filter(|p| p["measured"].is_f64()).count();
+    assert!(run >= 12, "{run} plans were run");
+    for scheme in ["pairs", "offset", "multiplexed", "isotropic", "adaptive"] {
+        assert!(plans.iter().any(|p| p["scheme"] == scheme && p["measured"].is_f64()), "{scheme}");
+    }
+    let seed = said["seed"].as_array().unwrap();
+    assert!(seed.iter().any(|s| s["order"] == 4 && s["rig_s"][1] == 60.0) && seed.iter().any(|s| s["order"] == 10));
+    for stage in ["conversion", "fit", "simulation"] {
+        let of = |c: &&Value| c["stage"] == stage && c["baseline"] == true;
+        assert!(said["computing"].as_array().unwrap().iter().any(|c| of(&c)), "{stage} has its baseline");
+    }
+    let file = |key: &str| fs::read(desk.path().join(said[key].as_str().unwrap())).unwrap();
+    assert!(csv::Reader::from_reader(file("csv").as_slice()).records().count() >= plans.len());
+    assert!(image::load_from_memory(&file("png")).unwrap().width() > 1000);
+    assert!(text(&file("svg")).contains("Ghosh 2007") && text(&file("page")).contains("pareto.csv"));
+}
+
 #[test]
 fn bad_requests_are_refused() {
     let desk = tempfile::tempdir().unwrap();
@@ -66,6 +92,8 @@ fn bad_requests_are_refused() {
     let requests = [
         ("chart stabilty --out new", "stability"),
         ("chart stability", "--out"),
+        ("chart pareto run --out new", "chart control"),
+        ("chart pareto --out file/new", "choose another --out"),
         ("chart stability --out file/new", "choose another --out"),
         ("chart stability --out new --materials 0", "at least 1"),
         ("chart stability --out new --max-order 3", "4..=20"),

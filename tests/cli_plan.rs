@@ -25,12 +25,13 @@ fn plans_are_forecast_and_found_for_a_budget() {
     assert_eq!(given["frames"], 150);
     assert!((given["rig_s"].as_f64().unwrap() - 20.0).abs() < 1e-9);
     let error = |v: &Value| v["predicted_error"].as_f64().unwrap();
-    let by_class =
-        ["matte", "satin", "glossy", "specular"].map(|c| error(&said(&zonal(desk.path(), &format!("plan RIG PLAN --class {c} --json")))));
+    let by_class = ["matte", "satin", "glossy", "specular"]
+        .map(|c| error(&said(&zonal(desk.path(), &format!("plan RIG PLAN --class {c} --json")))));
     assert!(by_class.is_sorted() && by_class[0] > 0.0 && by_class[3] < 1.0, "{by_class:?}");
     let mut last = f64::INFINITY;
     for budget in [1.0, 5.0, 10.0, 20.0, 60.0] {
-        let best = said(&zonal(desk.path(), &format!("plan RIG PLAN --budget {budget} --out best-{budget}.toml --json")));
+        let best =
+            said(&zonal(desk.path(), &format!("plan RIG PLAN --budget {budget} --out best-{budget}.toml --json")));
         assert!(best["rig_s"].as_f64().unwrap() <= budget, "{best}");
         assert!(error(&best) <= last, "more time never costs accuracy: {best}");
         last = error(&best);
@@ -52,7 +53,8 @@ fn an_adaptive_measurement_says_what_it_decided() {
     assert!(measured["frames"].as_u64().unwrap() < 24 && measured["rig_s"].as_f64().unwrap() < 3.0);
     let plan = fs::read_to_string(desk.path().join("run/plan.toml")).unwrap();
     assert!(plan.contains("[adaptive]") && plan.contains("gain_rel"), "{plan}");
-    for arguments in ["reduce run", "fit run --out fit.json", "convert run --method parity --out sh.exr", "budget run"] {
+    for arguments in ["reduce run", "fit run --out fit.json", "convert run --method parity --out sh.exr", "budget run"]
+    {
         let output = zonal(desk.path(), arguments);
         assert!(output.status.success(), "{arguments}: {}", String::from_utf8_lossy(&output.stderr));
     }
@@ -62,7 +64,8 @@ fn an_adaptive_measurement_says_what_it_decided() {
 fn bad_requests_are_refused() {
     let desk = tempfile::tempdir().unwrap();
     let plan = fs::read_to_string(format!("{}/patterns/order-4.toml", env!("CARGO_MANIFEST_DIR"))).unwrap();
-    let write = |name: &str, from: &str, to: &str| fs::write(desk.path().join(name), plan.replacen(from, to, 1)).unwrap();
+    let write =
+        |name: &str, from: &str, to: &str| fs::write(desk.path().join(name), plan.replacen(from, to, 1)).unwrap();
     write("odd.toml", "order = 4", "order = 3\nscheme = \"isotropic\"");
     write("unknown.toml", "order = 4", "order = 4\nscheme = \"hadamard\"");
     write("greedy.toml", "[exitant]", "[adaptive]\ngain_rel = 0.9\n\n[exitant]\n");

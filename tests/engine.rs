@@ -73,7 +73,7 @@ fn resumed(path: &Path, config: &TwinConfig) -> Measurement {
     let make = |rig: &Rig, _: &RunRecord| -> Result<Box<dyn Bench>, MeasureError> {
         Ok(Box::new(TwinBench::new(rig, config.clone(), open("red-plastic").unwrap())))
     };
-    resume(path, &Control::default(), make, &mut |_, _| ()).unwrap()
+    resume(path, &Control::default(), None, make, &mut |_, _| ()).unwrap()
 }
 
 #[test]
@@ -103,7 +103,7 @@ fn lost_devices_leave_a_run_that_can_be_resumed() {
         assert_eq!(measured.record.capture.sessions, 2);
         assert!(name == "stuck" || bits(&measured) == bits(&undisturbed), "{name}");
         assert!(matches!(
-            resume(&path, &Control::default(), |_, _| Err::<Box<dyn Bench>, _>(unreachable()), &mut |_, _| ()),
+            resume(&path, &Control::default(), None, |_, _| Err::<Box<dyn Bench>, _>(unreachable()), &mut |_, _| ()),
             Err(MeasureError::Complete { .. })
         ));
     }

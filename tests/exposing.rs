@@ -99,7 +99,9 @@ fn six_materials_get_what_they_need() {
             (exact.coefficients.values[..n].iter().map(|z| f64::from(*z).powi(2)).sum::<f64>() / n as f64).sqrt();
         let (mut taken, mut fewest, mut worst) = (0, 0, 0.0f64);
         for k in 0..size(2) {
-            let response = |sign| ResponseImage::read(&true_folder.response_path(&Lobe { k, sign }, 0)).unwrap().rate;
+            let response = |sign| {
+                ResponseImage::read(&true_folder.response_path(&Lobe { k, sign, mixed: false }, 0)).unwrap().rate
+            };
             let [positive, negative] = [Sign::Positive, Sign::Negative].map(response);
             let rates: Vec<[f64; 2]> =
                 positive.iter().zip(&negative).map(|(&p, &q)| [f64::from(p), f64::from(q)]).collect();

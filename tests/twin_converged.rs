@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use zonal::geometry::{Direction, Zone};
 use zonal::optics::{Device, Misaligned};
-use zonal::patterns::Lobes;
+use zonal::patterns::{Lobes, Scheme};
 use zonal::radiometry::{FlatField, Response};
 use zonal::reflectance::{Brdf, open};
 use zonal::twin::{Accuracy, InverseMap, PatternLight, ResponseField, TwinConfig};
@@ -26,7 +26,8 @@ fn scene() -> Scene {
     let rig = common::rig("ghosh-2007-built");
     let config = TwinConfig::pinhole(0);
     let (w, h) = (rig.projector.width_px, rig.projector.height_px);
-    let lobes = Lobes::new(&rig.projector_map(), rig.zone(), ORDER, w, h).unwrap();
+    let lobes =
+        Lobes::new(&rig.projector_map(), rig.zone(), Scheme::Pairs.steps(rig.zone(), ORDER).unwrap(), w, h).unwrap();
     let flat = FlatField::uniform(w, h);
     let shown = [(0, 0), (2, 0), (3, 1), (6, 0), (8, 1), (12, 0), (20, 1), (24, 0)];
     let patterns = shown.map(|(k, sign)| lobes.encode(k, &Response::linear(), &flat).patterns[sign].clone());

@@ -43,9 +43,16 @@ pub struct Node {
     pub schlick: f64,
 }
 
-/// What data deserve: single exitant directions are noisier than averages over a ring, and there are more of them.
+/// What data deserve: single exitant directions are noisier than averages over a ring, and there are more of them. Functions of
+/// high degree turn faster towards the zone's edges: with nodes for order 6 those of order 10 err by 0.3% of z_00.
 pub(super) fn fineness_of(observations: &Observations) -> Fineness {
-    if observations.folded { Fineness::default() } else { Fineness { radial: 24, around: 40 } }
+    let more = |nodes: usize, order: usize| nodes + 4 * observations.order.saturating_sub(order);
+    if observations.folded {
+        let Fineness { radial, around } = Fineness::default();
+        Fineness { radial: more(radial, 6), around }
+    } else {
+        Fineness { radial: more(24, 4), around: 40 }
+    }
 }
 
 impl Forward {

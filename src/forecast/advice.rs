@@ -54,7 +54,8 @@ impl FitAdviser {
             );
             return Ok(Advice::Stop);
         }
-        decision.reason = format!("the last step changed the model by {}: order {next} is worth taking", percent(change));
+        decision.reason =
+            format!("the last step changed the model by {}: order {next} is worth taking", percent(change));
         if so_far.isotropic {
             return Ok(Advice::Further);
         }

@@ -2,8 +2,8 @@
 
 use rayon::prelude::*;
 
-use super::outlook::{Class, Forecast, NoPlan, Outlook};
 use super::NoiseModel;
+use super::outlook::{Class, Forecast, NoPlan, Outlook};
 use crate::patterns::{ExposureBracket, Plan, Scheme, Timing};
 
 /// Highest order of plans that are tried.

@@ -15,7 +15,7 @@ const MISFIT: f64 = 0.84;
 const GLOSS: f64 = 0.43;
 const DARK: f64 = 0.21;
 /// Held-out misfit over noise from which on it is no noise.
-const SIGNIFICANT: f64 = 1.1;
+const SIGNIFICANT: f64 = 1.03;
 
 /// What is expected of the best fit of some coefficients.
 #[derive(Debug, Clone, PartialEq)]
@@ -80,4 +80,28 @@ fn every_other_ring(coefficients: &Coefficients, part: usize) -> Coefficients {
         }
     }
     half
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::ideal_coefficients;
+    use super::*;
+    use crate::geometry::Zone;
+    use crate::reflectance::{Sgd, sgd_materials};
+
+    fn expected_and_found(brdf: &dyn Brdf, noise_rel: f64) -> (f64, f64) {
+        let zone = Zone::from_degrees(9.0, 57.0).unwrap();
+        let data = ideal_coefficients(brdf, zone, 4, noise_rel, 1).unwrap();
+        let expected = Expected::of(&data).unwrap();
+        (expected.error, Metric::new(zone).errors(brdf, &expected.model).unwrap().mean.overall())
+    }
+
+    #[test]
+    fn what_a_family_describes_errs_by_its_noise_and_what_none_does_by_more() {
+        let (expected, found) = expected_and_found(crate::reflectance::open("red-plastic").unwrap().as_ref(), 0.01);
+        assert!(expected < 0.01 && found < 0.01, "{expected} {found}");
+        let steel: Sgd = sgd_materials().iter().find(|m| m.name == "chrome-steel").unwrap().brdf;
+        let (expected, found) = expected_and_found(&steel, 0.01);
+        assert!(expected > 0.05 && (expected / found).ln().abs() < 3f64.ln(), "{expected} {found}");
+    }
 }

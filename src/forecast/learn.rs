@@ -83,8 +83,7 @@ pub fn learn(zone: Zone, materials: &[&dyn Brdf], seed: u64) -> Result<Outlook, 
         .enumerate()
         .map(|(i, brdf)| {
             let reference = metric.reference(*brdf).ok();
-            let [quiet, noisy] =
-                NOISES.map(|noise| ideal_coefficients(*brdf, zone, highest, noise, seed ^ i as u64));
+            let [quiet, noisy] = NOISES.map(|noise| ideal_coefficients(*brdf, zone, highest, noise, seed ^ i as u64));
             let (quiet, noisy) = (quiet?, noisy?);
             let at = |&order: &usize| -> Result<[f64; 2], FitError> {
                 let fitted = |data: &Coefficients| fit(&data.truncated(order), FitMethod::Auto, &FitOptions::default());

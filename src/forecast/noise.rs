@@ -35,7 +35,13 @@ impl NoiseModel {
         let camera = rig.camera_map();
         let cells = CellMap::new(rig, &camera, Crop::of_map(rig, &camera), grid)?;
         let cell = cells.noise_weights(&ChannelScale::unit()).iter().sum();
-        Ok(Self { sensor: sensor(rig), card_e_s: 0.5 * rig.camera.full_well_e / HALF_WELL_S, cell, grid, rig: rig.clone() })
+        Ok(Self {
+            sensor: sensor(rig),
+            card_e_s: 0.5 * rig.camera.full_well_e / HALF_WELL_S,
+            cell,
+            grid,
+            rig: rig.clone(),
+        })
     }
 
     /// The same rig with a lamp `factor` times as bright.

@@ -150,7 +150,13 @@ impl Outlook {
     ///
     /// # Errors
     /// [`ReduceError`] if the plan's scheme cannot be read back.
-    pub fn forecast(&self, noise: &NoiseModel, timing: &Timing, plan: &Plan, class: Class) -> Result<Forecast, ReduceError> {
+    pub fn forecast(
+        &self,
+        noise: &NoiseModel,
+        timing: &Timing,
+        plan: &Plan,
+        class: Class,
+    ) -> Result<Forecast, ReduceError> {
         let noise_rel = noise.noise_rel(plan, ALBEDO)?;
         let items = plan.rig_time(timing);
         let order = if plan.adaptive.is_some() { plan.order.min(2) } else { plan.order };
@@ -172,4 +178,37 @@ pub struct NoPlan {
     pub budget_s: f64,
     /// Time of the shortest plan, s.
     pub least_s: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::contrast;
+    use super::*;
+    use crate::reflectance::{Lambert, open};
+
+    #[test]
+    fn classes_go_by_the_lobe() {
+        let class = |name: &str| Class::of_contrast(contrast(open(name).unwrap().as_ref()));
+        assert_eq!(Class::of_contrast(contrast(&Lambert::gray(0.5))), Class::Matte);
+        assert_eq!((class("ggx-0.05"), class("red-plastic")), (Class::Specular, Class::Satin));
+    }
+
+    #[test]
+    fn errors_grow_with_noise_and_gloss_and_lie_between_their_orders() {
+        let outlook = Outlook::built_in();
+        for class in Class::ALL {
+            assert!(outlook.error(class, 4, 0.05) >= outlook.error(class, 4, 0.01));
+            let [below, at, above] = [4, 5, 6].map(|order| outlook.error(class, order, 0.01));
+            assert!(at >= below.min(above) && at <= below.max(above));
+            assert_eq!(outlook.error(class, 10, 0.01), outlook.error(class, 20, 0.01));
+        }
+        let [matte, specular] = [Class::Matte, Class::Specular].map(|class| outlook.error(class, 6, 0.005));
+        assert!(matte < specular, "{matte} {specular}");
+    }
+
+    #[test]
+    fn the_table_survives_a_round_trip() {
+        let outlook = Outlook::built_in();
+        assert_eq!(&toml::from_str::<Outlook>(&outlook.to_toml()).unwrap(), outlook);
+    }
 }

@@ -62,7 +62,8 @@ impl AutomaticExposer {
             pair.gains[0] * (power.sum::<f64>() / step.mixtures().len() as f64).sqrt()
         };
         let gains = pairs.iter().zip(steps).map(|(pair, step)| gain(pair, step)).collect();
-        let brightness = pairs.iter().zip(steps).map(|(pair, step)| brightness(cells.grid().zone(), step) / pair.gains[0]).collect();
+        let brightness =
+            pairs.iter().zip(steps).map(|(pair, step)| brightness(cells.grid().zone(), step) / pair.gains[0]).collect();
         let mut refreshes: Vec<u32> =
             std::iter::successors(Some(f64::from(target.longest_refreshes)), |n| Some(n / LADDER))
                 .map(|n| n.round() as u32)
@@ -207,11 +208,8 @@ impl Exposer for AutomaticExposer {
         }
         further.extend(self.fewest(&taken, &pixels, self.gains[k], limit));
         if self.carries {
-            self.start = if saturated {
-                vec![self.shortest_s]
-            } else {
-                self.fewest(&[], &pixels, self.gains[k], limit)
-            };
+            self.start =
+                if saturated { vec![self.shortest_s] } else { self.fewest(&[], &pixels, self.gains[k], limit) };
         }
         further
     }

@@ -52,7 +52,9 @@ pub enum MeasureError {
     #[error("the run's plan.toml: {0}")]
     Plan(#[from] PlanError),
     /// An adaptive plan asks somebody.
-    #[error("the plan is adaptive and nobody is there to say what a sample needs: measure with `zonal measure --adaptive`")]
+    #[error(
+        "the plan is adaptive and nobody is there to say what a sample needs: measure with `zonal measure --adaptive`"
+    )]
     NoAdviser,
     /// The run did not end.
     #[error(

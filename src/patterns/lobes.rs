@@ -382,8 +382,10 @@ mod tests {
     #[test]
     fn stems_sort_in_the_order_of_showing() {
         let plan = super::super::Plan::of_order(3);
-        let stems: Vec<_> = plan.lobes().map(|l| l.stem()).collect();
+        let stems: Vec<_> = plan.lobes(0..size(3)).map(|l| l.stem()).collect();
         assert!(stems.is_sorted());
         assert_eq!(stems[8], "004_l2_m-2_a_positive");
+        let mixed: Vec<_> = plan.by(Scheme::Isotropic).lobes(0..12).map(|l| l.stem()).collect();
+        assert!(mixed.is_sorted() && mixed[9] == "004_b");
     }
 }

@@ -51,7 +51,9 @@ pub enum PlanError {
         key: &'static str,
     },
     /// A target outside its range.
-    #[error("adaptive.gain_rel = {value} is out of range: choose 0.001..=0.5, the share of the error a further step must save")]
+    #[error(
+        "adaptive.gain_rel = {value} is out of range: choose 0.001..=0.5, the share of the error a further step must save"
+    )]
     Gain {
         /// The value found.
         value: f64,

@@ -88,7 +88,9 @@ impl fmt::Display for Scheme {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum SchemeError {
     /// Mixtures are designed for even orders.
-    #[error("scheme `{scheme}` has no mixtures for order {order}: choose an even order from 2 to {HIGHEST_MIXED}, or `pairs`")]
+    #[error(
+        "scheme `{scheme}` has no mixtures for order {order}: choose an even order from 2 to {HIGHEST_MIXED}, or `pairs`"
+    )]
     Order {
         /// The scheme.
         scheme: Scheme,

@@ -38,7 +38,8 @@ pub(super) struct Rates {
 }
 
 fn rows<'a>(taken: &[Taken<'a>]) -> Result<Vec<Row<'a>>, ReduceError> {
-    let shows_black = |t: &Taken<'_>| matches!(t.step, Step::Parts(Mixture(terms)) if terms.iter().all(|&(k, _)| k == 0));
+    let shows_black =
+        |t: &Taken<'_>| matches!(t.step, Step::Parts(Mixture(terms)) if terms.iter().all(|&(k, _)| k == 0));
     let black = taken.iter().position(shows_black).map(|s| 2 * s + 1);
     let mut rows = Vec::new();
     for (s, t) in taken.iter().enumerate() {
@@ -133,7 +134,8 @@ pub(super) fn isotropic_sample(
     let power = power / rows.len() as f64;
     let of_ring = |at: usize| -> (Vec<[f64; 2]>, [f64; 2]) {
         let first = at / grid.rings() * cells + at % grid.rings() * sectors;
-        let data: Vec<[f64; 2]> = rows.iter().flat_map(|row| (0..sectors).map(move |s| datum(taken, row, first + s, stray))).collect();
+        let data: Vec<[f64; 2]> =
+            rows.iter().flat_map(|row| (0..sectors).map(move |s| datum(taken, row, first + s, stray))).collect();
         let valid: Vec<usize> = (0..data.len()).filter(|&i| data[i][0].is_finite()).collect();
         let unknown = (vec![[f64::NAN; 2]; terms.len()], [0.0; 2]);
         if 2 * valid.len() < data.len() {
@@ -155,7 +157,10 @@ pub(super) fn isotropic_sample(
         let variance = solver.map(|x| x * x) * &variances;
         let excess: f64 = valid
             .iter()
-            .map(|&i| (data[i][0] - design.row(i).iter().zip(zeta.iter()).map(|(d, z)| d * z).sum::<f64>()).powi(2) - data[i][1])
+            .map(|&i| {
+                (data[i][0] - design.row(i).iter().zip(zeta.iter()).map(|(d, z)| d * z).sum::<f64>()).powi(2)
+                    - data[i][1]
+            })
             .sum();
         let freedom = valid.len().saturating_sub(terms.len()) as f64;
         (zeta.iter().zip(variance.iter()).map(|(z, v)| [*z, v * sectors as f64]).collect(), [excess, freedom])
@@ -215,7 +220,48 @@ pub fn coefficient_variances(
     let taken: Vec<Taken<'_>> = (steps.iter().zip(gains).zip(&responses))
         .map(|((step, &gains), frames)| Taken { step, gains, frames: frames.each_ref() })
         .collect();
-    let rates =
-        if isotropic { isotropic_sample(&taken, grid, &|_, _| None)? } else { any_sample(&taken, n)? };
+    let rates = if isotropic { isotropic_sample(&taken, grid, &|_, _| None)? } else { any_sample(&taken, n)? };
     Ok(rates.functions.iter().zip(&rates.cells).map(|(&k, cells)| (k, cells[0][1])).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::patterns::Scheme;
+
+    fn built() -> Zone {
+        Zone::from_degrees(9.0, 57.0).unwrap()
+    }
+
+    fn variances(steps: &[Step], isotropic: bool, sectors: usize) -> Result<Vec<(usize, f64)>, ReduceError> {
+        let ones = vec![[1.0; 2]; steps.len()];
+        coefficient_variances(built(), steps, &ones, &ones, isotropic, sectors)
+    }
+
+    #[test]
+    fn every_scheme_tells_every_function() {
+        for scheme in Scheme::ALL {
+            let steps = scheme.steps(built(), 4).unwrap();
+            let found = variances(&steps, scheme.is_isotropic(), 64).unwrap();
+            assert_eq!(found.iter().map(|f| f.0).collect::<Vec<_>>(), (0..25).collect::<Vec<_>>(), "{scheme}");
+            assert!(found.iter().all(|&(_, v)| v > 0.0 && v.is_finite()), "{scheme}");
+        }
+        // A pair of frames of variance 1 each, of a function shown to scale 1.
+        assert!(
+            variances(&Scheme::Pairs.steps(built(), 2).unwrap(), false, 1)
+                .unwrap()
+                .iter()
+                .all(|f| (f.1 - 2.0).abs() < 1e-12)
+        );
+    }
+
+    #[test]
+    fn what_cannot_be_told_is_an_error() {
+        let offset = Scheme::Offset.steps(built(), 2).unwrap();
+        assert!(matches!(variances(&offset[1..], false, 1), Err(ReduceError::NoBlack)));
+        let mixtures = Scheme::Isotropic.steps(built(), 4).unwrap();
+        assert!(matches!(variances(&mixtures[..3], true, 64), Err(ReduceError::Undetermined { .. })));
+        // Four azimuths cannot tell m = 4 from m = 0.
+        assert!(matches!(variances(&mixtures, true, 4), Err(ReduceError::Undetermined { .. })));
+    }
 }

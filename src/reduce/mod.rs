@@ -44,7 +44,9 @@ pub enum ReduceError {
     #[error("no black frame was taken, which frames of this scheme are to be compared with: measure again")]
     NoBlack,
     /// Frames that do not tell their functions apart.
-    #[error("{rows} combinations of frames do not determine {functions} coefficients: ask for more exitant.sectors in the plan")]
+    #[error(
+        "{rows} combinations of frames do not determine {functions} coefficients: ask for more exitant.sectors in the plan"
+    )]
     Undetermined {
         /// Combinations with a meaning.
         rows: usize,

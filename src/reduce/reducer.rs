@@ -125,11 +125,9 @@ impl Reducer {
         }
         let grid = self.cells.grid();
         let n = 3 * grid.len();
-        let stray = |k: usize, i: usize| {
-            self.stray.as_ref().map(|s| [s.values[k * n + i], s.sigma[k * n + i]].map(f64::from))
-        };
-        let rates =
-            if isotropic { isotropic_sample(&taken, grid, &stray)? } else { any_sample(&taken, n)? };
+        let stray =
+            |k: usize, i: usize| self.stray.as_ref().map(|s| [s.values[k * n + i], s.sigma[k * n + i]].map(f64::from));
+        let rates = if isotropic { isotropic_sample(&taken, grid, &stray)? } else { any_sample(&taken, n)? };
         let order = taken.iter().map(|t| t.step.order()).max().unwrap_or(0);
         let mut values = vec![f32::NAN; size(order) * n];
         let mut sigma = values.clone();
@@ -137,8 +135,7 @@ impl Reducer {
             for (i, &[rate, variance]) in cells.iter().enumerate() {
                 let theta_o = grid.theta(i % grid.len() / grid.sectors());
                 let scale = self.scale.at(&grid.zone(), theta_o, i / grid.len());
-                let [light, stray_sigma] =
-                    if isotropic { None } else { stray(k, i) }.unwrap_or_default();
+                let [light, stray_sigma] = if isotropic { None } else { stray(k, i) }.unwrap_or_default();
                 values[k * n + i] = (scale * (rate - light)) as f32;
                 sigma[k * n + i] = (scale.abs() * variance.sqrt().hypot(stray_sigma)) as f32;
             }

@@ -237,7 +237,8 @@ impl ParetoScan<'_> {
                 measured: Some(of(|r| r.error)),
             };
             let same = |p: &&mut PlanPoint| {
-                (&p.scheme, p.order, p.exposures, &p.method) == (&point.scheme, point.order, point.exposures, &point.method)
+                (&p.scheme, p.order, p.exposures, &p.method)
+                    == (&point.scheme, point.order, point.exposures, &point.method)
             };
             match points.iter_mut().find(same) {
                 Some(forecast) => forecast.measured = point.measured,
@@ -292,8 +293,7 @@ impl ParetoScan<'_> {
         let plan = Plan::of_order(ORDER).by(Scheme::Isotropic);
         let rig_run = |accuracy: Accuracy| -> Result<(f64, Coefficients), ParetoError> {
             let started = Instant::now();
-            let mut bench =
-                TwinBench::with_accuracy(self.rig, self.config.clone().noiseless(), brdf.clone(), accuracy);
+            let mut bench = TwinBench::with_accuracy(self.rig, self.config.clone().noiseless(), brdf.clone(), accuracy);
             let measured = self.measured(&plan, &mut bench)?;
             Ok((started.elapsed().as_secs_f64(), measured.coefficients))
         };

@@ -82,7 +82,14 @@ fn drawn(rig: &Rig, shared: &CalibrationSet, sample: &str, draw: u64, assumed: &
     let calibration = CalibrationSet { scale, check, ..shared.clone() };
     let provenance = Provenance { sample: sample.into(), assumed: assumed.clone(), ..Provenance::default() };
     let (plan, control) = (small(1, 1), Control::default());
-    let request = Request { rig, plan: &plan, calibration: &calibration, provenance: &provenance, control: &control, adviser: None };
+    let request = Request {
+        rig,
+        plan: &plan,
+        calibration: &calibration,
+        provenance: &provenance,
+        control: &control,
+        adviser: None,
+    };
     let measured = measure(&request, &mut bench(mounted(3 * draw + 2)), None, &mut |_, _| ()).unwrap();
     measured.record.budget.unwrap()
 }

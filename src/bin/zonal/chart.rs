@@ -91,7 +91,8 @@ fn stability(args: &Args) -> anyhow::Result<Report> {
 }
 
 /// Published SGD materials, of all classes, that are none of the families fitted.
-const PARETO_MATERIALS: [&str; 5] = ["red-fabric2", "yellow-matte-plastic", "blue-metallic-paint", "violet-acrylic", "chrome-steel"];
+const PARETO_MATERIALS: [&str; 5] =
+    ["red-fabric2", "yellow-matte-plastic", "blue-metallic-paint", "violet-acrylic", "chrome-steel"];
 const RIG: &str = include_str!("../../../optics/ghosh-2007-built.toml");
 
 fn pareto(args: &Args) -> anyhow::Result<Report> {
@@ -106,7 +107,7 @@ fn pareto(args: &Args) -> anyhow::Result<Report> {
         .into_iter()
         .take(args.materials)
         .filter_map(|name| known.iter().find(|m| m.name == name))
-        .map(|m| (m.name.clone(), Arc::new(m.brdf.clone()) as Arc<dyn Brdf>))
+        .map(|m| (m.name.clone(), Arc::new(m.brdf) as Arc<dyn Brdf>))
         .collect();
     let scan = ParetoScan {
         rig: &rig,

@@ -61,8 +61,14 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     let mut bench = common::bench(&rig, &config, truth.clone());
     let mut bar = common::frames_bar("order 4");
     let control = common::steered();
-    let request =
-        Request { rig: &rig, plan: &plan, calibration: &calibration, provenance: &provenance, control: &control, adviser: None };
+    let request = Request {
+        rig: &rig,
+        plan: &plan,
+        calibration: &calibration,
+        provenance: &provenance,
+        control: &control,
+        adviser: None,
+    };
     let measured = measure(&request, &mut bench, Some(&folder), &mut bar)?;
     let sh = converted(&measured.coefficients, Method::Parity, ORDER)?;
     let exr = run.join("sh-parity.exr");
