@@ -92,7 +92,7 @@ fn bad_requests_are_refused() {
     let requests = [
         ("chart stabilty --out new", "stability"),
         ("chart stability", "--out"),
-        ("chart pareto run --out new", "chart control"),
+        ("chart pareto run --out new", "takes no runs"),
         ("chart pareto --out file/new", "choose another --out"),
         ("chart stability --out file/new", "choose another --out"),
         ("chart stability --out new --materials 0", "at least 1"),

@@ -92,7 +92,7 @@ impl Observations {
                 station.sigma.push(means.map(|m| m.1));
             }
             // A ring without data says nothing.
-            if station.z.iter().flatten().all(|z| z.is_finite()) {
+            if !terms.is_empty() && station.z.iter().flatten().all(|z| z.is_finite()) {
                 stations.push(station);
             }
         }
@@ -122,7 +122,7 @@ impl Observations {
                 });
                 let z: Vec<[f64; 3]> = terms.iter().map(|&k| [0, 1, 2].map(|c| z[c][k])).collect();
                 let sigma = terms.iter().map(|&k| [0, 1, 2].map(|c| variance[c][k].sqrt())).collect();
-                if z.iter().flatten().all(|z| z.is_finite()) {
+                if !terms.is_empty() && z.iter().flatten().all(|z| z.is_finite()) {
                     stations.push(Station { ring, phi_o, z, sigma });
                 }
             }

@@ -52,7 +52,8 @@ pub struct Args {
 pub fn run(args: &Args) -> anyhow::Result<Report> {
     match args.name {
         Name::Stability | Name::Pareto if !args.runs.is_empty() => {
-            Err(BadUsage("only `chart control` takes runs: leave them out".into()).into())
+            let name = args.name.to_possible_value().expect("none is hidden");
+            Err(BadUsage(format!("`chart {}` takes no runs: leave them out", name.get_name())).into())
         }
         Name::Pareto => pareto(args),
         Name::Stability => stability(args),
