@@ -9,8 +9,10 @@ use crate::measure::{Advice, Adviser, Decision, SoFar};
 use crate::reduce::Coefficients;
 use crate::reflectance::{Metric, Model};
 
-/// Share of the last step's change of the model, over the error expected, that the next step saves: measured on fits of closed
-/// forms the families do not contain and of neural and tabulated materials; more steps move a model than improve it.
+/// Share of the last step's change of the model, over the error expected, that the next step is taken to save. Chosen, not fitted:
+/// over 54 materials outside of the families the mean saving is 0.01 to 0.06 of the change and hardly correlated with it (0 to
+/// 0.2); with so little runs would stop at order 2, and the few that gain much would not be followed. With this the median
+/// error is that of the best fixed order.
 const SAVED: f64 = 0.2;
 /// What no coefficient makes smaller: a gray card's albedo and a rig's edges are known to about a percent.
 const CALIBRATED: f64 = 0.01;

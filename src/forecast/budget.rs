@@ -12,6 +12,7 @@ const HIGHEST: usize = 10;
 const BRACKETS: [(u32, u32, u32); 4] = [(1, 4, 1), (1, 4, 2), (1, 16, 2), (1, 4, 3)];
 /// Repeats that are tried.
 const REPEATS: [usize; 6] = [1, 2, 3, 4, 6, 8];
+
 /// All plans worth a thought for samples that are isotropic, or for any; exitant directions and colours are those of `like`.
 pub fn candidates(like: &Plan, any_sample: bool) -> Vec<Plan> {
     let schemes = Scheme::ALL.into_iter().filter(|s| !(any_sample && s.is_isotropic()));

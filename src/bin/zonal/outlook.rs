@@ -15,7 +15,7 @@ pub struct Args {
     #[arg(long)]
     out: PathBuf,
     /// Of the SGD materials, every so many.
-    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..=10))]
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..=10))]
     every: u16,
     /// Seed of the noise.
     #[arg(long, default_value_t = 1)]
