@@ -191,8 +191,9 @@ impl<'a> Engine<'a> {
         thread::scope(|scope| {
             let worker = scope.spawn(|| worker.run(receiver));
             let alive = || !worker.is_finished();
-            let taken = self.batches(run, devices, session, progress, &sender, &alive);
-            drop(sender);
+            let mut line = Line { progress, worker: sender, alive: &alive };
+            let taken = self.batches(run, devices, session, &mut line);
+            drop(line);
             session.elapsed_s = devices.clock.now_s() - ready_s;
             if session.recorded.in_order.is_empty() {
                 // All of it was seen: what is neither exposure nor readout was spent on patterns that changed.
@@ -214,9 +215,7 @@ impl<'a> Engine<'a> {
         run: &mut Run<'_>,
         devices: &mut Acquisition<'_>,
         session: &mut Session,
-        progress: &mut Progress<'_>,
-        worker: &SyncSender<Work>,
-        alive: &dyn Fn() -> bool,
+        line: &mut Line<'_, '_>,
     ) -> Result<(), CaptureError> {
         let mut began = (Instant::now(), devices.clock.now_s());
         loop {
@@ -228,29 +227,28 @@ impl<'a> Engine<'a> {
                 session.rig_time.decision_s += began.0.elapsed().as_secs_f64();
                 session.decided_s += devices.clock.now_s() - began.1;
             }
-            self.steps(run, &steps, devices, session, progress, worker, alive)?;
+            self.steps(run, &steps, devices, session, line)?;
             began = (Instant::now(), devices.clock.now_s());
             if run.director.is_adaptive() {
                 // What is decided next is decided from all frames so far.
                 let (done, wait) = sync_channel(1);
                 let stopped = |_| CaptureError::Stopped { done: session.index, total: session.index };
-                worker.send(Work::Flush(done)).map_err(|_| stopped(()))?;
+                line.worker.send(Work::Flush(done)).map_err(|_| stopped(()))?;
                 wait.recv().map_err(|_| stopped(()))?;
             }
         }
     }
 
-    #[allow(clippy::too_many_arguments)]
+    /// Takes these steps, as often as the run says.
     fn steps(
         &mut self,
         run: &mut Run<'_>,
         steps: &[usize],
         devices: &mut Acquisition<'_>,
         session: &mut Session,
-        progress: &mut Progress<'_>,
-        worker: &SyncSender<Work>,
-        alive: &dyn Fn() -> bool,
+        line: &mut Line<'_, '_>,
     ) -> Result<(), CaptureError> {
+        let Line { progress, worker, alive } = line;
         let total = run.repeats * run.director.expected() * run.exposer.expected_frames();
         let send = |pair| worker.send(Work::Pair(pair)).map_err(|_| CaptureError::Stopped { done: 0, total });
         let timing = Timing::of(self.rig);
@@ -310,6 +308,14 @@ impl<'a> Engine<'a> {
     fn enter(&mut self, input: Input) {
         self.state = self.state.after(input).unwrap_or_else(|| panic!("{input:?} cannot happen while {}", self.state));
     }
+}
+
+/// Who is told of what is taken.
+struct Line<'l, 'p> {
+    progress: &'l mut Progress<'p>,
+    worker: SyncSender<Work>,
+    /// Whether the worker still works.
+    alive: &'l dyn Fn() -> bool,
 }
 
 /// One session's share of a run.
