@@ -108,7 +108,7 @@ fn thinned(pairs: Vec<Pair>) -> Vec<Pair> {
 /// Radius in pixels of the nominal image of the paraboloid's edge, and the width of what is neither mirror nor border.
 fn paraboloid_px(rig: &Rig) -> (f64, f64) {
     let (rho, mirrors, lens) = (rig.paraboloid_radius_mm(), rig.mirrors(), rig.camera.lens());
-    (rho / (rig.centre_height_mm - mirrors.paraboloid_height(rho)) * lens.focal_px, BETWEEN * lens.focal_px)
+    (rho / (rig.centre_height_mm - mirrors.convex().height(rho)) * lens.focal_px, BETWEEN * lens.focal_px)
 }
 
 /// Whether a camera point certainly sees the paraboloid.

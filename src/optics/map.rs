@@ -62,7 +62,7 @@ impl OpticalMap {
     pub fn direction(&self, u: f64, v: f64) -> Option<Direction<Sample>> {
         let (u, v) = self.correction.as_ref().map_or((u, v), |c| c.to_nominal(u, v));
         let path = self.mirrors.trace(&self.lens.ray(u, v))?;
-        if path.paraboloid.x.hypot(path.paraboloid.y) > self.mirrors.edge_radius() * (1.0 + 1e-12) {
+        if path.convex.x.hypot(path.convex.y) > self.mirrors.edge_radius() * (1.0 + 1e-12) {
             return None;
         }
         let d = Direction::new_unchecked(path.direction());
@@ -92,15 +92,8 @@ impl OpticalMap {
     }
 
     fn nominal_pixel(&self, d: &Direction<Sample>, farthest: f64) -> (f64, f64) {
-        let theta = d.theta();
-        // theta grows with the radius on the paraboloid: bisect, the dome has no closed inverse.
-        let (mut lo, mut hi) = (0.0, farthest);
-        for _ in 0..60 {
-            let mid = 0.5 * (lo + hi);
-            if self.angle(mid) < theta { lo = mid } else { hi = mid }
-        }
-        let rho = 0.5 * (lo + hi);
-        let slope = rho / (self.mirrors.centre().z - self.mirrors.paraboloid_height(rho));
+        let rho = self.mirrors.rho_of(d.theta(), farthest).unwrap_or(farthest);
+        let slope = rho / (self.mirrors.centre().z - self.mirrors.convex().height(rho));
         let (sin_phi, cos_phi) = d.phi().sin_cos();
         self.lens.pixel(&Vector3::new(slope * cos_phi, slope * sin_phi, -1.0))
     }
@@ -155,11 +148,12 @@ const BEYOND_EDGE: f64 = 1.1;
 
 #[cfg(test)]
 mod tests {
+    use super::super::Conic;
     use super::*;
     use proptest::prelude::*;
 
     fn map(arm: Arm) -> OpticalMap {
-        let mirrors = Mirrors::new(405.0, 4.0, 135.0, 126.5).unwrap();
+        let mirrors = Mirrors::new(405.0, Conic { vertex_height: 135.0, radius: 8.0, constant: -1.0 }, 126.5).unwrap();
         OpticalMap::new(mirrors, Lens { focal_px: 5903.0, centre_u: 680.0, centre_v: 512.0, arm }, 90f64.to_radians())
     }
 

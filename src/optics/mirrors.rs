@@ -1,17 +1,18 @@
-//! A convex paraboloid and the dome that goes with it in closed form.
+//! A convex mirror and the dome that goes with it in closed form.
 
 use nalgebra::{Point3, Vector3};
 
+use super::Conic;
+
 /// The two mirrors of the rig: millimetres in the rig frame, sample at the origin, optical axis +z.
 ///
-/// A ray leaves the centre of projection C on the axis, meets the paraboloid z = h - rho^2 / (4 f) at P, then the dome at
-/// D, then the sample S at the origin. C and S are a stigmatic pair, so |P-C| + |D-P| + |S-D| = K is the same for every
-/// ray and the dome has a closed form; the rim, where the edge ray meets the sample's plane, fixes K.
+/// A ray leaves the centre of projection C on the axis, meets the convex mirror at P, then the dome at D, then the sample S
+/// at the origin. C and S are a stigmatic pair, so |P-C| + |D-P| + |S-D| = K is the same for every ray and the dome has a
+/// closed form; the rim, where the edge ray meets the sample's plane, fixes K.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mirrors {
     centre_height: f64,
-    focal_length: f64,
-    vertex_height: f64,
+    convex: Conic,
     path_length: f64,
     edge_radius: f64,
 }
@@ -19,8 +20,8 @@ pub struct Mirrors {
 /// One ray through the mirrors, millimetres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Path {
-    /// Where it meets the paraboloid.
-    pub paraboloid: Point3<f64>,
+    /// Where it meets the convex mirror.
+    pub convex: Point3<f64>,
     /// Where it meets the dome.
     pub dome: Point3<f64>,
 }
@@ -33,23 +34,27 @@ impl Path {
 }
 
 impl Mirrors {
-    /// Mirrors from the height of C, the paraboloid's focal length and vertex height, and the dome's rim radius.
+    /// Mirrors from the height of C, the convex mirror and the dome's rim radius.
     ///
     /// `None` if no ray from C reaches the rim, or a length is not positive, or C is not above the vertex.
-    pub fn new(centre_height: f64, focal_length: f64, vertex_height: f64, rim_radius: f64) -> Option<Self> {
-        let lengths = [centre_height, focal_length, vertex_height, rim_radius];
-        if !lengths.iter().all(|x| x.is_finite() && *x > 0.0) || centre_height <= vertex_height {
+    pub fn new(centre_height: f64, convex: Conic, rim_radius: f64) -> Option<Self> {
+        let lengths = [centre_height, convex.radius, convex.vertex_height, rim_radius];
+        let possible = lengths.iter().all(|x| x.is_finite() && *x > 0.0) && convex.constant.is_finite();
+        if !possible || centre_height <= convex.vertex_height {
             return None;
         }
-        let mut mirrors = Self { centre_height, focal_length, vertex_height, path_length: 0.0, edge_radius: 0.0 };
+        let mut mirrors = Self { centre_height, convex, path_length: 0.0, edge_radius: 0.0 };
         // The radius at which the reflected ray meets the sample's plane falls as rho grows: bisect for the rim.
         let lands_at = |rho: f64| {
-            let p = mirrors.on_paraboloid(rho);
-            let d = mirrors.reflect(&p, &(p - mirrors.centre()).normalize());
+            let p = convex.point(rho);
+            let d = convex.reflect(&p, &(p - mirrors.centre()).normalize());
             if d.z < 0.0 { p.x - p.z * d.x / d.z } else { f64::INFINITY }
         };
-        let (mut lo, mut hi) = (0.0, (4.0 * focal_length * vertex_height).sqrt());
-        if lands_at(hi) > rim_radius {
+        let widest =
+            if convex.constant > -1.0 { convex.radius / (1.0 + convex.constant).sqrt() } else { f64::INFINITY };
+        // A sphere or an ellipsoid ends above the sample's plane: its widest circle still faces C.
+        let (mut lo, mut hi) = (0.0, widest.min(convex.rho(0.0).max(0.0)));
+        if hi.is_nan() || lands_at(hi) > rim_radius {
             return None;
         }
         for _ in 0..200 {
@@ -57,7 +62,7 @@ impl Mirrors {
             if lands_at(mid) > rim_radius { lo = mid } else { hi = mid }
         }
         mirrors.edge_radius = hi;
-        let (edge, rim) = (mirrors.on_paraboloid(hi), Point3::new(rim_radius, 0.0, 0.0));
+        let (edge, rim) = (convex.point(hi), Point3::new(rim_radius, 0.0, 0.0));
         mirrors.path_length = (edge - mirrors.centre()).norm() + (rim - edge).norm() + rim_radius;
         Some(mirrors)
     }
@@ -67,57 +72,39 @@ impl Mirrors {
         Point3::new(0.0, 0.0, self.centre_height)
     }
 
+    /// The convex mirror.
+    pub fn convex(&self) -> &Conic {
+        &self.convex
+    }
+
     /// The constant optical path K, mm.
     pub fn path_length(&self) -> f64 {
         self.path_length
     }
 
-    /// Radius of the paraboloid at which the edge ray is reflected to the rim, mm.
+    /// Radius of the convex mirror at which the edge ray is reflected to the rim, mm.
     pub fn edge_radius(&self) -> f64 {
         self.edge_radius
     }
 
-    /// Height of the paraboloid at radius `rho`, mm.
-    pub fn paraboloid_height(&self, rho: f64) -> f64 {
-        self.vertex_height - rho * rho / (4.0 * self.focal_length)
-    }
-
-    /// Polar angle below which a paraboloid of radius `rho` shadows the sample, radians.
+    /// Polar angle below which a convex mirror of radius `rho` shadows the sample, radians.
     pub fn shadow(&self, rho: f64) -> f64 {
-        rho.atan2(self.paraboloid_height(rho))
+        rho.atan2(self.convex.height(rho))
     }
 
-    /// The path of the ray that leaves C along the unit vector `e`; `None` if it misses the paraboloid.
+    /// The path of the ray that leaves C along the unit vector `e`; `None` if it misses the convex mirror.
     pub fn trace(&self, e: &Vector3<f64>) -> Option<Path> {
-        let t = self.hit_paraboloid(&self.centre(), e)?;
+        let t = self.convex.hit(&self.centre(), e)?;
         let p = self.centre() + e * t;
-        let d = self.reflect(&p, e);
-        Some(Path { paraboloid: p, dome: self.dome_point(&p, t, &d)? })
+        let d = self.convex.reflect(&p, e);
+        Some(Path { convex: p, dome: self.dome_point(&p, t, &d)? })
     }
 
-    /// The dome's point on the ray that the paraboloid reflects at radius `rho`, in the half plane phi = 0.
+    /// The dome's point on the ray that the convex mirror reflects at radius `rho`, in the half plane phi = 0.
     pub fn profile(&self, rho: f64) -> Option<Point3<f64>> {
-        let p = self.on_paraboloid(rho);
+        let p = self.convex.point(rho);
         let w = p - self.centre();
-        self.dome_point(&p, w.norm(), &self.reflect(&p, &w.normalize()))
-    }
-
-    /// Distance along `e` from `origin` to the paraboloid.
-    pub fn hit_paraboloid(&self, origin: &Point3<f64>, e: &Vector3<f64>) -> Option<f64> {
-        let f4 = 4.0 * self.focal_length;
-        let a = (e.x * e.x + e.y * e.y) / f4;
-        let b = e.z + 2.0 * (origin.x * e.x + origin.y * e.y) / f4;
-        let c = origin.z - self.vertex_height + (origin.x * origin.x + origin.y * origin.y) / f4;
-        // The nearer root, in the form without cancellation; above the mirror c > 0, towards it b < 0.
-        let discriminant = b * b - 4.0 * a * c;
-        (b < 0.0 && discriminant >= 0.0).then(|| 2.0 * c / (-b + discriminant.sqrt()))
-    }
-
-    /// The direction `e` after reflection at the point `p` of the paraboloid.
-    pub fn reflect(&self, p: &Point3<f64>, e: &Vector3<f64>) -> Vector3<f64> {
-        let slope = 1.0 / (2.0 * self.focal_length);
-        let n = Vector3::new(p.x * slope, p.y * slope, 1.0);
-        e - n * (2.0 * e.dot(&n) / n.norm_squared())
+        self.dome_point(&p, w.norm(), &self.convex.reflect(&p, &w.normalize()))
     }
 
     /// t = (k^2 - |w|^2) / (2 (w.d + k)) with w = P - S and k = K - |P-C|; D = P + t d.
@@ -126,18 +113,18 @@ impl Mirrors {
         let t = (k * k - p.coords.norm_squared()) / (2.0 * (p.coords.dot(d) + k));
         (t > 0.0 && t.is_finite()).then(|| p + d * t)
     }
-
-    fn on_paraboloid(&self, rho: f64) -> Point3<f64> {
-        Point3::new(rho, 0.0, self.paraboloid_height(rho))
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    fn paraboloid(focal_length: f64, vertex_height: f64) -> Conic {
+        Conic { vertex_height, radius: 2.0 * focal_length, constant: -1.0 }
+    }
+
     fn ghosh() -> Mirrors {
-        Mirrors::new(405.0, 4.0, 135.0, 126.5).unwrap()
+        Mirrors::new(405.0, paraboloid(4.0, 135.0), 126.5).unwrap()
     }
 
     /// Numbers of the derivation, as many digits as it gives.
@@ -145,9 +132,9 @@ mod tests {
     fn derived_dimensions_of_the_thesis_rig() {
         let m = ghosh();
         assert!((m.edge_radius() - 18.350).abs() < 5e-4, "{}", m.edge_radius());
-        assert!((m.paraboloid_height(m.edge_radius()) - 113.954).abs() < 5e-3);
+        assert!((m.convex().height(m.edge_radius()) - 113.954).abs() < 5e-3);
         assert!((m.shadow(m.edge_radius()).to_degrees() - 9.15).abs() < 5e-3);
-        let edge_ray = m.edge_radius().atan2(405.0 - m.paraboloid_height(m.edge_radius())).to_degrees();
+        let edge_ray = m.edge_radius().atan2(405.0 - m.convex().height(m.edge_radius())).to_degrees();
         assert!((edge_ray - 3.608).abs() < 1e-3);
         let profile: Vec<_> = (1..=2000).map(|i| m.profile(m.edge_radius() * i as f64 / 2000.0).unwrap()).collect();
         let top = profile.iter().map(|p| p.z).fold(0.0, f64::max);
@@ -168,7 +155,7 @@ mod tests {
                 (m.profile(rho - h).unwrap(), m.profile(rho).unwrap(), m.profile(rho + h).unwrap());
             let tangent = (after - before).normalize();
             let normal = Vector3::new(-tangent.z, 0.0, tangent.x);
-            let p = Point3::new(rho, 0.0, m.paraboloid_height(rho));
+            let p = Point3::new(rho, 0.0, m.convex().height(rho));
             let d = (at - p).normalize();
             let out = d - normal * (2.0 * d.dot(&normal));
             let miss = at.coords.cross(&out).norm();
@@ -178,9 +165,23 @@ mod tests {
 
     #[test]
     fn rigs_whose_rays_miss_are_none() {
-        assert!(Mirrors::new(405.0, 4.0, 135.0, 1e-3).is_none());
-        assert!(Mirrors::new(100.0, 4.0, 135.0, 126.5).is_none());
-        assert!(Mirrors::new(405.0, -4.0, 135.0, 126.5).is_none());
-        assert!(Mirrors::new(f64::NAN, 4.0, 135.0, 126.5).is_none());
+        assert!(Mirrors::new(405.0, paraboloid(4.0, 135.0), 1e-3).is_none());
+        assert!(Mirrors::new(100.0, paraboloid(4.0, 135.0), 126.5).is_none());
+        assert!(Mirrors::new(405.0, paraboloid(-4.0, 135.0), 126.5).is_none());
+        assert!(Mirrors::new(f64::NAN, paraboloid(4.0, 135.0), 126.5).is_none());
+    }
+
+    /// Rays of a hyperboloid with its far focus at C come from the near one: the dome is the ellipsoid about it and S.
+    #[test]
+    fn the_dome_of_a_hyperboloid_is_an_ellipsoid() {
+        let convex = Conic::hyperboloid(135.0, 8.0, 405.0);
+        let m = Mirrors::new(405.0, convex, 126.5).unwrap();
+        let near = Point3::new(0.0, 0.0, 135.0 - convex.foci()[0]);
+        let sum = |p: Point3<f64>| (p - near).norm() + p.coords.norm();
+        let want = sum(Point3::new(126.5, 0.0, 0.0));
+        for i in 1..=1000 {
+            let got = sum(m.profile(m.edge_radius() * f64::from(i) / 1000.0).unwrap());
+            assert!((got - want).abs() < 1e-9, "{i}: {:e} mm", got - want);
+        }
     }
 }

@@ -190,7 +190,7 @@ impl Misaligned {
 
     /// The image of the paraboloid's vertex, about which the zone's image lies.
     pub fn image_centre(&self) -> (f64, f64) {
-        self.image(&(Point3::new(0.0, 0.0, self.mirrors.paraboloid_height(0.0)) + self.paraboloid))
+        self.image(&(Point3::new(0.0, 0.0, self.mirrors.convex().height(0.0)) + self.paraboloid))
     }
 
     /// Whether the ray of the image point (u, v) meets the paraboloid as built.
@@ -202,7 +202,7 @@ impl Misaligned {
     pub fn edges(&self, azimuths: usize) -> Edges {
         let (c_u, c_v) = self.image_centre();
         let reach = self.mirrors.edge_radius() * 1.02
-            / (self.mirrors.centre().z - self.mirrors.paraboloid_height(self.mirrors.edge_radius()))
+            / (self.mirrors.centre().z - self.mirrors.convex().height(self.mirrors.edge_radius()))
             * self.lens.focal_px;
         // From the middle of what is seen along a radius, each end is bracketed.
         let end = |azimuth: f64, beyond: f64| {
@@ -227,20 +227,20 @@ impl Misaligned {
     fn hit_paraboloid(&self, e: &Vector3<f64>) -> Option<(Point3<f64>, Vector3<f64>)> {
         let e = self.rig_from_device * e;
         let origin = self.centre - self.paraboloid;
-        Some((origin + e * self.mirrors.hit_paraboloid(&origin, &e)?, e))
+        Some((origin + e * self.mirrors.convex().hit(&origin, &e)?, e))
     }
 
     fn trace(&self, e: &Vector3<f64>) -> Option<Traced> {
         let (p, e) = self.hit_paraboloid(e)?;
         let rho = p.x.hypot(p.y);
-        let d = self.mirrors.reflect(&p, &e);
+        let d = self.mirrors.convex().reflect(&p, &e);
         let (hit, normal) = self.hit_dome(&(p + self.paraboloid - self.dome), &d, rho)?;
         let out = d - normal * (2.0 * d.dot(&normal));
         let theta = hit.x.hypot(hit.y).atan2(hit.z);
         // On its way down the ray passes the paraboloid's edge outside of it.
         let edge = hit + self.dome - self.paraboloid;
-        let passes = edge + out * ((self.mirrors.paraboloid_height(self.radius_mm) - edge.z) / out.z);
-        let lit = hit.z < self.mirrors.paraboloid_height(self.radius_mm) || passes.x.hypot(passes.y) >= self.radius_mm;
+        let passes = edge + out * ((self.mirrors.convex().height(self.radius_mm) - edge.z) / out.z);
+        let lit = hit.z < self.mirrors.convex().height(self.radius_mm) || passes.x.hypot(passes.y) >= self.radius_mm;
         // Of the pupil's rays from here, those that meet a raised sample on the axis leave a little steeper.
         let seen = -out - Vector3::z() * (self.sample_height_mm / hit.coords.norm());
         Some(Traced {
@@ -254,7 +254,7 @@ impl Misaligned {
     fn hit_dome(&self, origin: &Point3<f64>, d: &Vector3<f64>, rho: f64) -> Option<(Point3<f64>, Vector3<f64>)> {
         const STEP_MM: f64 = 1e-3;
         let mut s = rho.max(1e-2);
-        let mut t = (self.mirrors.profile(s)? - Point3::new(s, 0.0, self.mirrors.paraboloid_height(s))).norm();
+        let mut t = (self.mirrors.profile(s)? - Point3::new(s, 0.0, self.mirrors.convex().height(s))).norm();
         let mut found = None;
         for _ in 0..4 {
             let hit = origin + d * t;

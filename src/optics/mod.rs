@@ -1,13 +1,17 @@
 //! Mirrors, lenses, the map from pixels to directions, and what misalignment does to it. Pure.
 
+mod conic;
 mod correction;
 mod map;
 mod mirrors;
 mod misalignment;
+mod profile;
 mod rig;
 
+pub use conic::Conic;
 pub use correction::MapCorrection;
 pub use map::{Lens, OpticalMap};
 pub use mirrors::{Mirrors, Path};
 pub use misalignment::{Device, Edges, Misaligned, Misalignment};
+pub use profile::{ProfileError, ProfileMethod, ProfilePoint};
 pub use rig::{Alignment, Arm, Camera, Dome, Mosaic, Paraboloid, Projector, Rig, RigError, ZoneLimits};

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::{Lens, Mirrors, OpticalMap};
+use super::{Conic, Lens, Mirrors, OpticalMap};
 use crate::geometry::{Zone, ZoneError};
 
 /// Version of the rig file this program writes and the newest it reads.
@@ -172,6 +172,17 @@ pub struct Paraboloid {
     /// Radius it is trimmed to; without it, the radius of the edge ray that meets the dome's rim.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub edge_radius_mm: Option<f64>,
+    /// Conic constant: -1, unless given, is a paraboloid; a little below it a hyperboloid.
+    #[serde(default = "paraboloid", skip_serializing_if = "is_paraboloid")]
+    pub conic: f64,
+}
+
+fn paraboloid() -> f64 {
+    -1.0
+}
+
+fn is_paraboloid(conic: &f64) -> bool {
+    *conic == -1.0
 }
 
 /// The concave dome.
@@ -349,7 +360,8 @@ impl Rig {
 
     fn try_mirrors(&self) -> Option<Mirrors> {
         let p = &self.paraboloid;
-        Mirrors::new(self.centre_height_mm, p.focal_length_mm, p.vertex_height_mm, self.dome.rim_radius_mm)
+        let convex = Conic { vertex_height: p.vertex_height_mm, radius: 2.0 * p.focal_length_mm, constant: p.conic };
+        Mirrors::new(self.centre_height_mm, convex, self.dome.rim_radius_mm)
     }
 
     fn check(&self) -> Result<(), RigError> {

@@ -56,7 +56,7 @@ impl TagLayout {
         let mirrors = rig.mirrors();
         let (projector, camera) = (rig.projector.lens(), rig.camera.lens());
         let edge = mirrors.edge_radius();
-        let reach_px = projector.focal_px * edge / (mirrors.centre().z - mirrors.paraboloid_height(edge)) * CLEARANCE;
+        let reach_px = projector.focal_px * edge / (mirrors.centre().z - mirrors.convex().height(edge)) * CLEARANCE;
         let (width, height) = (rig.projector.width_px, rig.projector.height_px);
         let side = height.min(width) / CELLS_ACROSS;
         if side == 0 {

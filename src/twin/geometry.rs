@@ -140,7 +140,7 @@ impl RadialTable {
             let rho = mirrors.edge_radius() * 1.03 * i as f64 / SAMPLES as f64;
             if let Some(p) = mirrors.profile(rho) {
                 table.theta.push(p.x.atan2(p.z));
-                table.slope.push(rho / (mirrors.centre().z - mirrors.paraboloid_height(rho)));
+                table.slope.push(rho / (mirrors.centre().z - mirrors.convex().height(rho)));
             }
         }
         table
