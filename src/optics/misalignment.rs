@@ -5,7 +5,8 @@ use std::f64::consts::TAU;
 use nalgebra::{Point3, Rotation3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{Lens, Mirrors, Rig};
+use super::placed::Reflected;
+use super::{Figure, Lens, Mirrors, PlacedMirrors, Pose, Rig};
 use crate::geometry::{Direction, Rig as RigFrame, Sample};
 
 /// Which of the two devices at the centre of projection.
@@ -55,6 +56,34 @@ pub struct Misalignment {
     /// Relative error of the projector's focal length: it moves the edges of the zone that is lit.
     #[serde(skip_serializing_if = "is_zero")]
     pub projector_scale_rel: f64,
+    /// Height of the camera's centre of projection above its place.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub camera_height_mm: f64,
+    /// Height of the projector's centre of projection above its place.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub projector_height_mm: f64,
+    /// By how much farther than stated the camera is focused.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub camera_focus_mm: f64,
+    /// By how much farther than stated the projector is focused.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub projector_focus_mm: f64,
+    /// Height of the paraboloid above its place.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub paraboloid_height_mm: f64,
+    /// Tilt of the paraboloid about its vertex.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub paraboloid_tilt_deg: [f64; 2],
+    /// Height of the dome above its place.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub dome_height_mm: f64,
+    /// Tilt of the dome about the middle of its rim, in the sample's plane.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub dome_tilt_deg: [f64; 2],
+    /// Departure of the dome's meridian into the dome: Legendre polynomials P_0 to P_3 of the polar angle, from the axis
+    /// to the dome's end.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub dome_figure_mm: [f64; 4],
 }
 
 /// Records of rigs whose devices stand where they should keep the form they had before devices could be displaced.
@@ -69,15 +98,20 @@ impl Misalignment {
     }
 }
 
-/// One device of a misaligned rig: real intersections with both mirrors, no closed form for the dome.
+/// Nodes of the table of a dome's figure, from the axis to past the dome's end.
+const FIGURE_NODES: usize = 64;
+
+/// One device of a misaligned rig: real intersections with both mirrors.
 #[derive(Debug, Clone)]
 pub struct Misaligned {
-    mirrors: Mirrors,
+    placed: PlacedMirrors,
     lens: Lens,
     centre: Point3<f64>,
     rig_from_device: Rotation3<f64>,
-    paraboloid: Vector3<f64>,
-    dome: Vector3<f64>,
+    /// Middle of the convex mirror's trimmed edge.
+    trim: Point3<f64>,
+    /// Distance along the device's axis to the plane it is focused on, mm.
+    focus_mm: f64,
     rig_from_sample: Rotation3<f64>,
     sample_height_mm: f64,
     radius_mm: f64,
@@ -115,30 +149,53 @@ impl Misaligned {
             Device::Camera => (rig.camera.lens(), m.camera_scale_rel, m.camera_offset_px),
             Device::Projector => (rig.projector.lens(), m.projector_scale_rel, m.projector_offset_px),
         };
-        let (displacement, turn) = match device {
-            Device::Camera => (m.camera_displacement_mm, m.camera_turn_deg),
-            Device::Projector => (m.projector_displacement_mm, m.projector_turn_deg),
+        let (displacement, height, turn) = match device {
+            Device::Camera => (m.camera_displacement_mm, m.camera_height_mm, m.camera_turn_deg),
+            Device::Projector => (m.projector_displacement_mm, m.projector_height_mm, m.projector_turn_deg),
         };
-        let flat = |v: [f64; 2]| Vector3::new(v[0], v[1], 0.0);
+        let focus_mm = match device {
+            Device::Camera => rig.camera.focus_mm + m.camera_focus_mm,
+            Device::Projector => rig.projector.focus_mm + m.projector_focus_mm,
+        };
+        let radians = |deg: [f64; 2]| deg.map(f64::to_radians);
         let turned = |deg: [f64; 2]| Rotation3::from_euler_angles(deg[0].to_radians(), deg[1].to_radians(), 0.0);
         let mirrors = rig.mirrors();
+        let by = |offset: [f64; 2], height: f64| Vector3::new(offset[0], offset[1], height);
+        let convex = Pose::new(
+            by(m.paraboloid_offset_mm, m.paraboloid_height_mm),
+            radians(m.paraboloid_tilt_deg),
+            mirrors.convex().vertex_height,
+        );
+        let radius_mm = rig.paraboloid_radius_mm();
+        let theta_max = rig.dome.theta_max_deg.to_radians();
         Self {
-            mirrors,
+            placed: PlacedMirrors {
+                mirrors,
+                convex,
+                dome: Pose::new(by(m.dome_offset_mm, m.dome_height_mm), radians(m.dome_tilt_deg), 0.0),
+                figure: (!is_zero(&m.dome_figure_mm)).then(|| figure(&m.dome_figure_mm, theta_max)),
+            },
             lens: Lens {
                 focal_px: lens.focal_px * (1.0 + scale_rel),
                 centre_u: lens.centre_u + offset_px[0],
                 centre_v: lens.centre_v + offset_px[1],
                 ..lens
             },
-            centre: mirrors.centre() + flat(displacement),
+            centre: mirrors.centre() + by(displacement, height),
             rig_from_device: turned(turn),
-            paraboloid: flat(m.paraboloid_offset_mm),
-            dome: flat(m.dome_offset_mm),
+            trim: convex.point_outside(&Point3::new(0.0, 0.0, mirrors.convex().height(radius_mm))),
+            focus_mm,
             rig_from_sample: turned(m.sample_tilt_deg),
             sample_height_mm: m.sample_height_mm,
-            radius_mm: rig.paraboloid_radius_mm(),
-            theta_max: rig.dome.theta_max_deg.to_radians(),
+            radius_mm,
+            theta_max,
         }
+    }
+
+    /// The same device with another figure of the dome, such as one that was measured.
+    pub fn with_figure(mut self, figure: Figure) -> Self {
+        self.placed.figure = Some(figure);
+        self
     }
 
     /// The lens, its shift included.
@@ -148,7 +205,7 @@ impl Misaligned {
 
     /// The mirrors, nominal.
     pub fn mirrors(&self) -> &Mirrors {
-        &self.mirrors
+        &self.placed.mirrors
     }
 
     /// The direction at the sample of the image point (u, v); `None` where the ray misses a mirror as built, or where the
@@ -180,7 +237,7 @@ impl Misaligned {
 
     /// The end of the nominal paraboloid's shadow, radians.
     pub fn nominal_shadow(&self) -> f64 {
-        self.mirrors.shadow(self.radius_mm)
+        self.placed.mirrors.shadow(self.radius_mm)
     }
 
     /// The centre of projection, mm in the rig frame.
@@ -190,19 +247,22 @@ impl Misaligned {
 
     /// The image of the paraboloid's vertex, about which the zone's image lies.
     pub fn image_centre(&self) -> (f64, f64) {
-        self.image(&(Point3::new(0.0, 0.0, self.mirrors.convex().height(0.0)) + self.paraboloid))
+        let vertex = Point3::new(0.0, 0.0, self.placed.mirrors.convex().vertex_height);
+        self.image(&self.placed.convex.point_outside(&vertex))
     }
 
     /// Whether the ray of the image point (u, v) meets the paraboloid as built.
     pub fn meets_paraboloid(&self, u: f64, v: f64) -> bool {
-        self.hit_paraboloid(&self.lens.ray(u, v)).is_some_and(|(p, _)| p.x.hypot(p.y) <= self.radius_mm)
+        let e = self.rig_from_device * self.lens.ray(u, v);
+        let met = self.placed.meet_convex(&self.centre, &e);
+        met.is_some_and(|(p, _)| p.x.hypot(p.y) <= self.radius_mm)
     }
 
     /// The ends of what the device sees, at `azimuths` azimuths of its image, to 1e-6 px.
     pub fn edges(&self, azimuths: usize) -> Edges {
         let (c_u, c_v) = self.image_centre();
-        let reach = self.mirrors.edge_radius() * 1.02
-            / (self.mirrors.centre().z - self.mirrors.convex().height(self.mirrors.edge_radius()))
+        let reach = self.placed.mirrors.edge_radius() * 1.02
+            / (self.placed.mirrors.centre().z - self.placed.mirrors.convex().height(self.placed.mirrors.edge_radius()))
             * self.lens.focal_px;
         // From the middle of what is seen along a radius, each end is bracketed.
         let end = |azimuth: f64, beyond: f64| {
@@ -223,55 +283,58 @@ impl Misaligned {
         Edges { inner: around(0.0), outer: around(1.0) }
     }
 
-    /// Where the ray `e` of the device meets the paraboloid (in the paraboloid's own frame), and the ray in the rig frame.
-    fn hit_paraboloid(&self, e: &Vector3<f64>) -> Option<(Point3<f64>, Vector3<f64>)> {
-        let e = self.rig_from_device * e;
-        let origin = self.centre - self.paraboloid;
-        Some((origin + e * self.mirrors.convex().hit(&origin, &e)?, e))
+    /// Where a ray of the pupil arrives: the ray that the lens sends through the point (x, y) of its pupil (mm, in the device's
+    /// own frame) to what is in focus at the image point (u, v). `None` if it misses a mirror, edges left out of account.
+    pub fn through(&self, u: f64, v: f64, pupil_mm: [f64; 2]) -> Option<Arrival> {
+        let chief = self.lens.ray(u, v);
+        let from = Vector3::new(pupil_mm[0], pupil_mm[1], 0.0);
+        let e = (chief * (self.focus_mm / -chief.z) - from).normalize();
+        let ray = self.placed.trace(&(self.centre + self.rig_from_device * from), &(self.rig_from_device * e))?;
+        let to_sample = self.rig_from_sample.inverse();
+        let (hit, out) = (to_sample * ray.dome, to_sample * ray.out);
+        let at = hit + out * ((self.sample_height_mm - hit.z) / out.z);
+        Some(Arrival { position_mm: [at.x, at.y], direction: Direction::new(-out), unhindered: self.unhindered(&ray) })
+    }
+
+    /// Whether both mirrors are there as built, and the convex one is not in the way of the last leg.
+    fn unhindered(&self, ray: &Reflected) -> bool {
+        // On its way down the ray passes the convex mirror's edge outside of it.
+        let passes = ray.at_height(self.trim.z);
+        let lit = ray.dome.z < self.trim.z || (passes.x - self.trim.x).hypot(passes.y - self.trim.y) >= self.radius_mm;
+        ray.rho <= self.radius_mm && ray.theta <= self.theta_max && lit
     }
 
     fn trace(&self, e: &Vector3<f64>) -> Option<Traced> {
-        let (p, e) = self.hit_paraboloid(e)?;
-        let rho = p.x.hypot(p.y);
-        let d = self.mirrors.convex().reflect(&p, &e);
-        let (hit, normal) = self.hit_dome(&(p + self.paraboloid - self.dome), &d, rho)?;
-        let out = d - normal * (2.0 * d.dot(&normal));
-        let theta = hit.x.hypot(hit.y).atan2(hit.z);
-        // On its way down the ray passes the paraboloid's edge outside of it.
-        let edge = hit + self.dome - self.paraboloid;
-        let passes = edge + out * ((self.mirrors.convex().height(self.radius_mm) - edge.z) / out.z);
-        let lit = hit.z < self.mirrors.convex().height(self.radius_mm) || passes.x.hypot(passes.y) >= self.radius_mm;
+        let ray = self.placed.trace(&self.centre, &(self.rig_from_device * e))?;
         // Of the pupil's rays from here, those that meet a raised sample on the axis leave a little steeper.
-        let seen = -out - Vector3::z() * (self.sample_height_mm / hit.coords.norm());
+        let seen = -ray.out - Vector3::z() * (self.sample_height_mm / ray.dome.coords.norm());
         Some(Traced {
             direction: Direction::<RigFrame>::new(seen).to_sample(&self.rig_from_sample),
-            unhindered: rho <= self.radius_mm && theta <= self.theta_max && lit,
+            unhindered: self.unhindered(&ray),
         })
     }
+}
 
-    /// Meets the ray with the dome as a surface of revolution, by Newton steps along the ray and along the profile, from
-    /// the nominal point. Returns the point and the unit normal, in the dome's own frame.
-    fn hit_dome(&self, origin: &Point3<f64>, d: &Vector3<f64>, rho: f64) -> Option<(Point3<f64>, Vector3<f64>)> {
-        const STEP_MM: f64 = 1e-3;
-        let mut s = rho.max(1e-2);
-        let mut t = (self.mirrors.profile(s)? - Point3::new(s, 0.0, self.mirrors.convex().height(s))).norm();
-        let mut found = None;
-        for _ in 0..4 {
-            let hit = origin + d * t;
-            let at = self.mirrors.profile(s)?;
-            let tangent = (self.mirrors.profile(s + STEP_MM)? - self.mirrors.profile(s - STEP_MM)?) / (2.0 * STEP_MM);
-            let speed = tangent.norm();
-            let (tr, tz) = (tangent.x / speed, tangent.z / speed);
-            let r = hit.x.hypot(hit.y);
-            let (cos_phi, sin_phi) = if r > 0.0 { (hit.x / r, hit.y / r) } else { (1.0, 0.0) };
-            let normal = Vector3::new(-tz * cos_phi, -tz * sin_phi, tr);
-            found = Some((hit, normal));
-            let (dr, dz) = (r - at.x, hit.z - at.z);
-            t -= (dr * -tz + dz * tr) / d.dot(&normal);
-            s += (dr * tr + dz * tz) / speed;
-        }
-        found
-    }
+/// A ray's arrival at the sample's surface, in the sample's frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Arrival {
+    /// Where it arrives, mm from the sample's middle.
+    pub position_mm: [f64; 2],
+    /// Where it comes from.
+    pub direction: Direction<Sample>,
+    /// Whether nothing is in its way.
+    pub unhindered: bool,
+}
+
+/// A dome's figure from Legendre coefficients of the polar angle over [0, theta_max].
+fn figure(legendre: &[f64; 4], theta_max: f64) -> Figure {
+    let step = 1.2 * theta_max / (FIGURE_NODES - 1) as f64;
+    let node = |i: usize| {
+        let x = 2.0 * (i as f64 * step).min(1.1 * theta_max) / theta_max - 1.0;
+        let p = [1.0, x, 1.5 * x * x - 0.5, 2.5 * x * x * x - 1.5 * x];
+        p.iter().zip(legendre).map(|(p, c)| p * c).sum()
+    };
+    Figure::new((0..FIGURE_NODES).map(node).collect(), step).expect("finite")
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@ mod correction;
 mod map;
 mod mirrors;
 mod misalignment;
+mod placed;
 mod profile;
 mod rig;
 
@@ -12,6 +13,7 @@ pub use conic::Conic;
 pub use correction::MapCorrection;
 pub use map::{Lens, OpticalMap};
 pub use mirrors::{Mirrors, Path};
-pub use misalignment::{Device, Edges, Misaligned, Misalignment};
+pub use misalignment::{Arrival, Device, Edges, Misaligned, Misalignment};
+pub use placed::{Figure, PlacedMirrors, Pose, Reflected};
 pub use profile::{ProfileError, ProfileMethod, ProfilePoint};
 pub use rig::{Alignment, Arm, Camera, Dome, Mosaic, Paraboloid, Projector, Rig, RigError, ZoneLimits};
