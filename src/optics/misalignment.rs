@@ -251,6 +251,15 @@ impl Misaligned {
         self.image(&self.placed.convex.point_outside(&vertex))
     }
 
+    /// The image point, in the half plane phi = 0, that shows the polar angle `theta` (radians) in the nominal rig; `None` beyond
+    /// what mirrors of this shape can show.
+    pub fn nominal_image(&self, theta: f64) -> Option<(f64, f64)> {
+        let mirrors = &self.placed.mirrors;
+        let rho = mirrors.rho_of(theta, mirrors.edge_radius())?;
+        let slope = rho / (mirrors.centre().z - mirrors.convex().height(rho));
+        Some(self.lens.pixel(&Vector3::new(slope, 0.0, -1.0)))
+    }
+
     /// Whether the ray of the image point (u, v) meets the paraboloid as built.
     pub fn meets_paraboloid(&self, u: f64, v: f64) -> bool {
         let e = self.rig_from_device * self.lens.ray(u, v);

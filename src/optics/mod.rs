@@ -7,6 +7,7 @@ mod mirrors;
 mod misalignment;
 mod placed;
 mod profile;
+mod pupil;
 mod rig;
 
 pub use conic::Conic;
@@ -16,4 +17,5 @@ pub use mirrors::{Mirrors, Path};
 pub use misalignment::{Arrival, Device, Edges, Misaligned, Misalignment};
 pub use placed::{Figure, PlacedMirrors, Pose, Reflected};
 pub use profile::{ProfileError, ProfileMethod, ProfilePoint};
+pub use pupil::{Beam, PupilMap, PupilTerms, disc};
 pub use rig::{Alignment, Arm, Camera, Dome, Mosaic, Paraboloid, Projector, Rig, RigError, ZoneLimits};
