@@ -24,6 +24,7 @@ pub mod measure;
 pub mod twin;
 pub mod fit;
 pub mod forecast;
+pub mod design;
 pub mod convert;
 pub mod export;
 pub mod render;
