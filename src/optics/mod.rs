@@ -2,6 +2,7 @@
 
 mod conic;
 mod correction;
+mod many;
 mod map;
 mod mirrors;
 mod misalignment;
@@ -9,13 +10,16 @@ mod placed;
 mod profile;
 mod pupil;
 mod rig;
+mod tolerances;
 
 pub use conic::Conic;
 pub use correction::MapCorrection;
+pub use many::{Leaving, Ray};
 pub use map::{Lens, OpticalMap};
 pub use mirrors::{Mirrors, Path};
 pub use misalignment::{Arrival, Device, Edges, Misaligned, Misalignment};
 pub use placed::{Figure, PlacedMirrors, Pose, Reflected};
 pub use profile::{ProfileError, ProfileMethod, ProfilePoint};
 pub use pupil::{Beam, PupilMap, PupilTerms, disc};
-pub use rig::{Alignment, Arm, Camera, Dome, Mosaic, Paraboloid, Projector, Rig, RigError, ZoneLimits};
+pub use rig::{Alignment, Arm, Camera, Dome, Mosaic, Mount, Paraboloid, Projector, Rig, RigError, ZoneLimits};
+pub use tolerances::{Coatings, Tolerances};

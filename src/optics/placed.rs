@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use nalgebra::{Point3, Rotation3, Vector3};
+use nalgebra::{Matrix3, Point3, Rotation3, Vector3};
 
 use super::Mirrors;
 
@@ -25,6 +25,11 @@ impl Pose {
         let rotation = Rotation3::from_euler_angles(tilt[0], tilt[1], 0.0);
         let pivot = Vector3::z() * pivot;
         Self { rotation, translation: by + pivot - rotation * pivot }
+    }
+
+    /// Rotation into the mirror's own frame, and its origin in the rig, mm.
+    pub(super) fn inside(&self) -> (Matrix3<f64>, Vector3<f64>) {
+        (self.rotation.inverse().into_inner(), self.translation)
     }
 
     fn point_inside(&self, p: &Point3<f64>) -> Point3<f64> {
@@ -103,7 +108,7 @@ pub struct PlacedMirrors {
 }
 
 /// Steps, mm, below which a point lies on the dome and its normal is known to 1e-9: the next are of their square.
-const CONVERGED_MM: f64 = 1e-7;
+pub(super) const CONVERGED_MM: f64 = 1e-7;
 
 impl PlacedMirrors {
     /// Both where they should be.

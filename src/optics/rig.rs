@@ -5,7 +5,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::{Conic, Lens, Mirrors, OpticalMap};
+use super::{Coatings, Conic, Lens, Mirrors, OpticalMap, Tolerances};
 use crate::geometry::{Zone, ZoneError};
 
 /// Version of the rig file this program writes and the newest it reads.
@@ -113,6 +113,15 @@ pub struct Rig {
     /// Targets of `calibrate align` and `calibrate map`.
     #[serde(default, skip_serializing_if = "Alignment::is_default")]
     pub alignment: Alignment,
+    /// What holds the paraboloid.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mount: Option<Mount>,
+    /// What mirrors and splitter do to light.
+    #[serde(default, skip_serializing_if = "Coatings::is_default")]
+    pub coatings: Coatings,
+    /// How well its parts are made and placed.
+    #[serde(default, skip_serializing_if = "Tolerances::is_default")]
+    pub tolerances: Tolerances,
 }
 
 /// Limits of the measured zone.
@@ -183,6 +192,16 @@ fn paraboloid() -> f64 {
 
 fn is_paraboloid(conic: &f64) -> bool {
     *conic == -1.0
+}
+
+/// What holds the paraboloid from below: a disc as seen from the sample.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Mount {
+    /// Its radius.
+    pub radius_mm: f64,
+    /// Its height above the sample's plane.
+    pub height_mm: f64,
 }
 
 /// The concave dome.
@@ -421,6 +440,20 @@ impl Rig {
         }
         within("camera.focus_mm", c.focus_mm, c.focal_length_mm * 1.001, 1e9, "farther than the focal length")?;
         within("projector.focus_mm", p.focus_mm, p.focal_length_mm * 1.001, 1e9, "farther than the focal length")?;
+        if let Some(mount) = &self.mount {
+            within("mount.radius_mm", mount.radius_mm, 1e-3, self.dome.rim_radius_mm, "0.001..=dome.rim_radius_mm")?;
+            within("mount.height_mm", mount.height_mm, 1e-3, self.paraboloid.vertex_height_mm, "below the vertex")?;
+        }
+        for (key, value) in self.tolerances.entries() {
+            within(key, value, 0.0, 10.0, "a standard deviation in 0..=10, in [tolerances]")?;
+        }
+        let coatings = &self.coatings;
+        for (key, value) in [("coatings.mirror_n", coatings.mirror_n), ("coatings.mirror_k", coatings.mirror_k)] {
+            within(key, value, 0.0, 100.0, "0..=100")?;
+        }
+        let (t, r) = (coatings.splitter_transmitted, coatings.splitter_reflected);
+        within("coatings.splitter_transmitted", t, 1e-3, 1.0, "0.001..=1")?;
+        within("coatings.splitter_reflected", r, 1e-3, 1.001 - t, "0.001..=1, no more than is not transmitted")?;
         let a = &self.alignment;
         within("alignment.screen_height_mm", a.screen_height_mm, -1e3, a.wire_height_mm - 1.0, "1 mm below the wires")?;
         within("alignment.wire_height_mm", a.wire_height_mm, -1e3, self.centre_height_mm - 1.0, "below the lenses")?;

@@ -61,6 +61,14 @@ impl Material {
     }
 }
 
+/// A parser of finite numbers in a range.
+pub fn within(low: f64, high: f64) -> impl Fn(&str) -> Result<f64, String> + Clone {
+    move |text| match text.parse::<f64>() {
+        Ok(x) if (low..=high).contains(&x) => Ok(x),
+        _ => Err(format!("{text} is not a number in {low}..={high}")),
+    }
+}
+
 /// A material from any file or name that stands for one.
 pub fn material(name: &str) -> anyhow::Result<Material> {
     if name.ends_with(".exr") {

@@ -9,6 +9,7 @@ mod common;
 mod compare;
 mod convert;
 mod demo;
+mod design;
 mod export;
 mod fit;
 mod materials;
@@ -50,6 +51,8 @@ enum Command {
     Demo(demo::Args),
     /// Built-in materials and where their numbers come from.
     Materials,
+    /// What a rig will measure, what ends its zone and what its tolerances cost; drawings and profile files.
+    Design(design::Args),
     /// Frames and time of a plan on a rig; moves nothing.
     Plan(plan::Args),
     /// The projector frames of a plan.
@@ -94,6 +97,7 @@ fn main() -> ExitCode {
     let result = match cli.command {
         Command::Demo(args) => demo::run(&args),
         Command::Materials => materials::run(),
+        Command::Design(args) => design::run(&args),
         Command::Plan(args) => plan::run(&args),
         Command::Patterns(args) => patterns::run(&args),
         Command::Calibrate(args) => calibrate::run(&args),

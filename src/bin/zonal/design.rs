@@ -1,0 +1,186 @@
+//! `zonal design`.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use zonal::design::{Survey, ToleranceTable};
+use zonal::report::DesignReport;
+use zonal::store;
+
+use crate::common::{self, Report};
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// Rig file.
+    rig: PathBuf,
+    /// New or empty folder for the report, the drawing and the profile files.
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Step of the polar angle, degrees.
+    #[arg(long, default_value_t = 1.0, value_parser = common::within(0.1, 10.0))]
+    step_deg: f64,
+    /// Also analyse what the tolerances cost (minutes).
+    #[arg(long)]
+    tolerances: bool,
+    /// Material that tolerances are analysed for: a built-in name or a file.
+    #[arg(long, default_value = "ggx-0.1")]
+    material: String,
+    /// Zonal order that it is measured to.
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u16).range(0..=10))]
+    order: u16,
+    /// Rigs drawn at each scale of the tolerances.
+    #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u16).range(8..=10_000))]
+    draws: u16,
+    /// Seed of the draws.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Blur of a pupil, degrees, below which chief rays may stand for it.
+    #[arg(long, default_value_t = 0.1, value_parser = common::within(1e-6, 90.0))]
+    chief_deg: f64,
+}
+
+pub fn run(args: &Args) -> anyhow::Result<Report> {
+    let started = Instant::now();
+    let rig = common::rig(&args.rig)?;
+    if let Some(out) = &args.out {
+        common::makeable(out)?;
+        store::vacant(out)?;
+    }
+    let survey = Survey::new(&rig, args.step_deg)?;
+    let tolerances = if args.tolerances {
+        let material = common::material(&args.material)?;
+        let order = usize::from(args.order);
+        let table = ToleranceTable::new(&rig, material.brdf.as_ref(), order, args.draws.into(), args.seed)?;
+        Some((args.material.clone(), table))
+    } else {
+        None
+    };
+    let report = DesignReport {
+        rig: rig.name.clone(),
+        source: rig.source.clone(),
+        survey,
+        tolerances,
+        drawing: String::new(),
+        chief_deg: args.chief_deg,
+        files: Vec::new(),
+    };
+    if let Some(out) = &args.out {
+        let sheet = report.sheet();
+        store::write_dir(out, |folder| {
+            store::write(&folder.join("angles.svg"), sheet.to_svg().as_bytes())?;
+            store::write(&folder.join("angles.png"), &sheet.to_png())?;
+            store::write(&folder.join("index.html"), report.to_html().as_bytes())
+        })?;
+    }
+    let mut json = serde_json::to_value(&report.survey)?;
+    json["rig"] = report.rig.clone().into();
+    if let Some((material, table)) = &report.tolerances {
+        json["tolerances"] = serde_json::to_value(table)?;
+        json["tolerances"]["material"] = material.as_str().into();
+    }
+    if let Some(out) = &args.out {
+        json["page"] = common::said(&out.join("index.html")).into();
+    }
+    json["seconds"] = started.elapsed().as_secs_f64().into();
+    Ok(Report { text: text(&report), json })
+}
+
+fn text(report: &DesignReport) -> String {
+    let s = &report.survey;
+    let mut lines = vec![
+        format!(
+            "{}: zone {:.2} to {:.2} deg, {:.1}% of the hemisphere, {:.1}% of it projected",
+            report.rig,
+            s.zone_deg[0],
+            s.zone_deg[1],
+            100.0 * s.coverage,
+            100.0 * s.projected_coverage
+        ),
+        format!(
+            "shadow to {:.2} deg, undercut {}",
+            s.shadow_deg,
+            s.undercut_deg.map_or("none".into(), |u| format!("beyond {u:.1} deg"))
+        ),
+        format!(
+            "dome {:.1} mm across, opening {:.1} mm at {:.1} mm above the sample",
+            s.diameter_mm,
+            2.0 * s.opening_mm,
+            s.height_mm
+        ),
+        format!(
+            "pixels per degree at least {:.2} (camera), {:.2} (projector)",
+            s.camera_min_px_per_deg, s.projector_min_px_per_deg
+        ),
+        if s.footprint_margin_mm >= 0.0 {
+            format!(
+                "footprint condition holds by {:.3} mm: the sample may be {:.2} mm off its height",
+                s.footprint_margin_mm, s.height_tolerance_mm
+            )
+        } else {
+            format!(
+                "footprint condition fails beyond {:.1} deg, by {:.3} mm at the zone's end",
+                s.footprint_up_to_deg, -s.footprint_margin_mm
+            )
+        },
+        format!(
+            "draft at the zone's end {:.1} deg; polarisation at most {:.2}%; transmission {:.1}%",
+            s.draft_deg,
+            100.0 * s.polarisation_bound,
+            100.0 * s.transmission
+        ),
+    ];
+    let end = |name: &str| {
+        let of: Vec<String> = s
+            .limits
+            .iter()
+            .filter(|l| l.end == name)
+            .map(|l| format!("{} {:.2} deg{}", l.name, l.theta_deg, if l.binds { " (binds)" } else { "" }))
+            .collect();
+        format!("{name} end: {}", of.join(", "))
+    };
+    lines.extend(["inner", "outer"].map(end));
+    for (name, beyond) in
+        [("camera", report.beyond_chief(|a| a.camera)), ("projector", report.beyond_chief(|a| a.projector))]
+    {
+        lines.push(match beyond {
+            None => format!("chief rays stand for the {name}'s pupil to {} deg", report.chief_deg),
+            Some(([from, to], most)) => {
+                format!("the {name}'s pupil blurs by up to {most:.2} deg between {from:.1} and {to:.1} deg")
+            }
+        });
+    }
+    lines.push("theta   r mm     z mm   draft  camera px/deg  projector px/deg".into());
+    let every = (s.angles.len() / 16).max(1);
+    for a in s.angles.iter().step_by(every) {
+        lines.push(format!(
+            "{:5.1} {:7.2} {:8.2} {:7.2} {:8.2} {:5.2} {:9.2} {:5.2}",
+            a.theta_deg,
+            a.r_mm,
+            a.z_mm,
+            a.draft_deg,
+            a.camera.px_per_deg[0],
+            a.camera.px_per_deg[1],
+            a.projector.px_per_deg[0],
+            a.projector.px_per_deg[1]
+        ));
+    }
+    if let Some((material, table)) = &report.tolerances {
+        lines.push(format!(
+            "tolerances, {material} at order {}, the five costliest (RMS of coefficients over z_00):",
+            table.order
+        ));
+        for row in table.rows.iter().take(5) {
+            lines.push(format!("  {} = {}: {:.2}%", row.key, row.sigma, 100.0 * row.coefficients_rel));
+        }
+        for d in &table.drawn {
+            lines.push(format!(
+                "  all at {} x: linear {:.2}%, drawn {:.2} +- {:.2}%",
+                d.scale,
+                100.0 * d.linear_rel,
+                100.0 * d.monte_carlo_rel,
+                100.0 * d.standard_error
+            ));
+        }
+    }
+    lines.join("\n")
+}

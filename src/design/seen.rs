@@ -1,0 +1,203 @@
+//! How a rig with errors sees a sample, when it is taken for the nominal one.
+
+use std::f64::consts::TAU;
+
+use nalgebra::Vector3;
+
+use crate::geometry::{Direction, Sample};
+use crate::optics::{Device, Misaligned, Misalignment, PupilMap, Rig};
+use crate::reflectance::{Brdf, Towards};
+
+/// Polar angles and azimuths of the table.
+const RINGS: usize = 20;
+const SECTORS: usize = 32;
+/// Differences for the solid angle, radians.
+const OFF: f64 = 1e-4;
+
+/// True directions of one device by the directions that the nominal map takes them for.
+pub struct Shift {
+    theta_min: f64,
+    step: f64,
+    /// Difference of the unit vectors, and true solid angle over nominal, by `ring * SECTORS + sector`.
+    nodes: Vec<[f64; 4]>,
+}
+
+impl Shift {
+    /// Of a device of `rig` with the errors `m`; `None` if a ray misses a mirror.
+    pub fn new(rig: &Rig, m: &Misalignment, device: Device) -> Option<Self> {
+        let traced = Misaligned::new(rig, m, device);
+        let map = match device {
+            Device::Camera => rig.camera_map(),
+            Device::Projector => rig.projector_map(),
+        };
+        let zone = rig.zone();
+        let step = (zone.theta_max() - zone.theta_min()) / (RINGS - 3) as f64;
+        let theta_min = zone.theta_min() - step;
+        let truth = |theta: f64, phi: f64| {
+            let (u, v) = map.pixel_beyond(&Direction::from_angles(theta.min(1.55), phi))?;
+            traced.direction_beyond(u, v).map(|d| d.vector())
+        };
+        let node = |i: usize| {
+            let (theta, phi) = (theta_min + (i / SECTORS) as f64 * step, (i % SECTORS) as f64 * TAU / SECTORS as f64);
+            let along = (truth(theta + OFF, phi)? - truth(theta - OFF, phi)?) / (2.0 * OFF);
+            let around = (truth(theta, phi + OFF)? - truth(theta, phi - OFF)?) / (2.0 * OFF * theta.sin());
+            let nominal: Direction<Sample> = Direction::from_angles(theta, phi);
+            let by = truth(theta, phi)? - nominal.vector();
+            Some([by.x, by.y, by.z, along.cross(&around).norm()])
+        };
+        Some(Self { theta_min, step, nodes: (0..RINGS * SECTORS).map(node).collect::<Option<_>>()? })
+    }
+
+    /// The true direction, and true over nominal solid angle, of a direction in the zone.
+    pub fn truth(&self, nominal: &Direction<Sample>) -> (Direction<Sample>, f64) {
+        let x = ((nominal.theta() - self.theta_min) / self.step).clamp(0.0, (RINGS - 1) as f64);
+        let y = nominal.phi().rem_euclid(TAU) / TAU * SECTORS as f64;
+        let (i, j) = ((x as usize).clamp(1, RINGS - 3) - 1, y as usize + SECTORS - 1);
+        let (wx, wy) = (cubic(x - i as f64), cubic(y.fract() + 1.0));
+        let mut sum = [0.0; 4];
+        for (a, wx) in wx.iter().enumerate() {
+            for (b, wy) in wy.iter().enumerate() {
+                let node = &self.nodes[(i + a) * SECTORS + (j + b) % SECTORS];
+                sum.iter_mut().zip(node).for_each(|(s, n)| *s += wx * wy * n);
+            }
+        }
+        let by = Vector3::new(sum[0], sum[1], sum[2]);
+        (Direction::new(nominal.vector() + by), sum[3])
+    }
+
+    /// RMS angle between true and nominal directions over the table, radians.
+    pub fn rms(&self) -> f64 {
+        let square = |n: &[f64; 4]| n[..3].iter().map(|x| x * x).sum::<f64>();
+        (self.nodes.iter().map(square).sum::<f64>() / self.nodes.len() as f64).sqrt()
+    }
+}
+
+/// Weights of four nodes at 0, 1, 2, 3 for the position x: Lagrange's cubic.
+fn cubic(x: f64) -> [f64; 4] {
+    let (a, b, c, d) = (x, x - 1.0, x - 2.0, x - 3.0);
+    [-b * c * d / 6.0, a * c * d / 2.0, -a * b * d / 2.0, a * b * c / 6.0]
+}
+
+/// RMS deviations of a device's rays about their chief ray, radians: along the meridian and across it, over polar angles.
+#[derive(Default)]
+pub struct Blur {
+    /// From the pupil: terms per mm, and the radius, mm.
+    pub pupil: Option<(PupilMap, f64)>,
+    /// From rough surfaces, the same everywhere, radians.
+    pub rough: f64,
+}
+
+impl Blur {
+    fn at(&self, theta: f64) -> [f64; 2] {
+        let pupil = self.pupil.as_ref().map_or([0.0; 2], |(map, r)| map.at(theta).direction.map(|b| 0.5 * r * b));
+        // The mean square of one coordinate over a disc is a quarter of its radius squared.
+        pupil.map(|b| b.hypot(self.rough))
+    }
+
+    fn is_none(&self) -> bool {
+        self.pupil.is_none() && self.rough == 0.0
+    }
+
+    /// Directions about `d` whose mean has the second moments of the blur.
+    fn around(&self, d: &Direction<Sample>) -> Vec<Direction<Sample>> {
+        if self.is_none() {
+            return vec![*d];
+        }
+        let (theta, phi) = (d.theta(), d.phi());
+        let [along, across] = self.at(theta).map(|b| b * std::f64::consts::SQRT_2);
+        let across = across / theta.sin();
+        vec![
+            Direction::from_angles(theta + along, phi),
+            Direction::from_angles(theta - along, phi),
+            Direction::from_angles(theta, phi + across),
+            Direction::from_angles(theta, phi - across),
+        ]
+    }
+}
+
+/// A sample as a rig with errors sees it: f_cos of nominal directions, with all that the errors do to it.
+pub struct Seen<'a> {
+    /// The sample.
+    pub brdf: &'a dyn Brdf,
+    /// Of the projector.
+    pub projector: Shift,
+    /// Of the camera.
+    pub camera: Shift,
+    /// Of the projector's light.
+    pub projector_blur: Blur,
+    /// Of the camera's view.
+    pub camera_blur: Blur,
+}
+
+impl Brdf for Seen<'_> {
+    fn eval(&self, wi: &Direction<Sample>, wo: &Direction<Sample>) -> [f64; 3] {
+        self.eval_cos(wi, wo).map(|f_cos| f_cos / wi.cos_theta().max(1e-9))
+    }
+
+    fn eval_cos(&self, wi: &Direction<Sample>, wo: &Direction<Sample>) -> [f64; 3] {
+        self.towards(wo)(wi)
+    }
+
+    fn towards<'a>(&'a self, wo: &Direction<Sample>) -> Towards<'a> {
+        let (wo, _) = self.camera.truth(wo);
+        let views: Vec<Towards<'a>> = self.camera_blur.around(&wo).iter().map(|wo| self.brdf.towards(wo)).collect();
+        Box::new(move |wi| {
+            let (wi, solid_angle) = self.projector.truth(wi);
+            let lit = self.projector_blur.around(&wi);
+            let share = solid_angle / (views.len() * lit.len()) as f64;
+            let mut sum = [0.0; 3];
+            for view in &views {
+                for wi in &lit {
+                    sum.iter_mut().zip(view(wi)).for_each(|(s, f)| *s += share * f);
+                }
+            }
+            sum
+        })
+    }
+
+    fn is_isotropic(&self) -> bool {
+        false
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rig() -> Rig {
+        Rig::from_toml(include_str!("../../optics/ghosh-2007-built.toml")).unwrap()
+    }
+
+    #[test]
+    fn shifts_are_those_of_traced_rays() {
+        let (rig, device) = (rig(), Device::Projector);
+        let m = Misalignment { dome_offset_mm: [0.3, -0.2], paraboloid_tilt_deg: [0.1, 0.2], ..Misalignment::none() };
+        let shift = Shift::new(&rig, &m, device).unwrap();
+        let traced = Misaligned::new(&rig, &m, device);
+        let mut moved = 0.0f64;
+        for i in 0..300 {
+            let d = Direction::from_angles((9.0 + 0.16 * f64::from(i)).to_radians(), 2.4 * f64::from(i));
+            let (u, v) = rig.projector_map().pixel(&d).unwrap();
+            let want = traced.direction_beyond(u, v).unwrap().vector();
+            let (got, _) = shift.truth(&d);
+            assert!((got.vector() - want).norm() < 2e-5, "{i}: {}", (got.vector() - want).norm());
+            moved = moved.max((want - d.vector()).norm());
+        }
+        assert!(moved > 0.005, "{moved}");
+    }
+
+    /// The zone's solid angle as truly lit is the nominal one times the mean of the ratio.
+    #[test]
+    fn an_aligned_rig_changes_nothing_and_a_tilted_sample_no_solid_angle() {
+        let rig = rig();
+        let none = Shift::new(&rig, &Misalignment::none(), Device::Camera).unwrap();
+        assert!(none.rms() < 1e-8, "{}", none.rms());
+        let tilted = Misalignment { sample_tilt_deg: [0.5, 0.3], ..Misalignment::none() };
+        let tilted = Shift::new(&rig, &tilted, Device::Camera).unwrap();
+        let angle = 0.5f64.hypot(0.3).to_radians();
+        assert!((tilted.rms() / angle - 1.0).abs() < 0.3, "{}", tilted.rms() / angle);
+        for n in &tilted.nodes {
+            assert!((n[3] - 1.0).abs() < 1e-5, "{}", n[3]);
+        }
+    }
+}

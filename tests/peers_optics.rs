@@ -1,0 +1,97 @@
+//! Rays through conics, against optiland: where they go, and how fast. `bash tests/run.sh`, which sets ZONAL_PYTHON.
+#![cfg(feature = "peers")]
+
+mod common;
+
+use std::time::Instant;
+
+use nalgebra::{Point3, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use zonal::optics::{Conic, Mirrors, PlacedMirrors, Ray};
+
+const RAYS: usize = 10_000;
+const TIMED: usize = 1_000_000;
+const CENTRE_MM: f64 = 405.0;
+const CONVEX_APERTURE_MM: f64 = 16.0;
+/// Both are right to rounding.
+const AGREE_MM: f64 = 1e-6;
+
+/// Of a pupil of 12.5 mm towards the convex mirror, one in ten past its edge.
+fn rays(convex: &Conic) -> Vec<Ray> {
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(7);
+    (0..RAYS)
+        .map(|_| {
+            let [r, a, s, b]: [f64; 4] = std::array::from_fn(|_| rng.random());
+            let origin = Point3::new(12.5 * r.sqrt() * (6.3 * a).cos(), 12.5 * r.sqrt() * (6.3 * a).sin(), CENTRE_MM);
+            let rho = 4.0 + 1.1 * (CONVEX_APERTURE_MM - 4.0) * s;
+            let target = Point3::new(rho * (6.3 * b).cos(), rho * (6.3 * b).sin(), convex.height(rho));
+            Ray { origin: origin.into(), direction: (target - origin).normalize().into() }
+        })
+        .collect()
+}
+
+#[test]
+fn rays_go_where_optiland_sends_them_and_faster() {
+    let convex = Conic::hyperboloid(135.0, 8.0, CENTRE_MM);
+    let mirrors = Mirrors::new(CENTRE_MM, convex, 126.5).unwrap();
+    let placed = PlacedMirrors::nominal(mirrors);
+    // The dome's ellipsoid about the near focus and the sample, from its rim alone.
+    let near = 135.0 - convex.foci()[0];
+    let sum = (Point3::new(126.5, 0.0, 0.0) - Point3::new(0.0, 0.0, near)).norm() + 126.5;
+    let (major, half) = (0.5 * sum, 0.5 * near);
+    let dome = Conic {
+        vertex_height: half + major,
+        radius: (major * major - half * half) / major,
+        constant: -(half / major).powi(2),
+    };
+    let rays = rays(&convex);
+    let conic = |c: &Conic, aperture: f64| {
+        serde_json::json!({
+            "vertex_height": c.vertex_height, "radius": c.radius, "constant": c.constant, "aperture": aperture,
+        })
+    };
+    let task = serde_json::json!({
+        "centre_height": CENTRE_MM,
+        "convex": conic(&convex, CONVEX_APERTURE_MM),
+        "dome": conic(&dome, 145.0),
+        "rays": rays.iter().map(|r| [r.origin, r.direction].concat()).collect::<Vec<_>>(),
+        "timed": TIMED,
+    });
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("rays.json");
+    std::fs::write(&file, task.to_string()).unwrap();
+    let answer = common::python("peer_optics.py", &[file.to_str().unwrap()]);
+    let answer: serde_json::Value = serde_json::from_slice(&answer).unwrap();
+    let points = answer["points"].as_array().unwrap();
+    let many = placed.trace_many(&rays);
+    let (mut worst, mut stopped) = (0.0f64, 0);
+    for ((ray, many), theirs) in rays.iter().zip(&many).zip(points) {
+        let ours = placed.trace(&Point3::from(ray.origin), &Vector3::from(ray.direction)).unwrap();
+        assert_eq!(theirs.is_null(), ours.rho > CONVEX_APERTURE_MM, "{} {theirs}", ours.rho);
+        if theirs.is_null() {
+            stopped += 1;
+            continue;
+        }
+        let at = |i: usize| Point3::from(std::array::from_fn(|axis| theirs[i][axis].as_f64().unwrap()));
+        let [p, d, s] = [at(0), at(1), at(2)];
+        let differences = [ours.convex - p, ours.dome - d, ours.at_height(0.0) - s, Point3::from(many.dome) - d];
+        worst = differences.iter().map(Vector3::norm).fold(worst, f64::max);
+    }
+    println!("{} rays agree to {worst:.1e} mm, {stopped} stopped by the aperture", rays.len());
+    assert!(worst < AGREE_MM && (100..RAYS / 2).contains(&stopped));
+    let timed: Vec<Ray> = rays.iter().copied().cycle().take(TIMED).collect();
+    let ours = (0..5)
+        .map(|_| {
+            let started = Instant::now();
+            std::hint::black_box(placed.trace_many(&timed));
+            started.elapsed().as_secs_f64() / TIMED as f64
+        })
+        .fold(f64::INFINITY, f64::min);
+    let theirs = answer["seconds_per_ray"].as_f64().unwrap();
+    println!(
+        "{:.1} million rays per second, {:.1} times as fast as optiland's vectorised trace",
+        1e-6 / ours,
+        theirs / ours
+    );
+}
