@@ -1,14 +1,18 @@
-//! What a workshop makes the mirrors from: the dome's profile as a table.
+//! What a workshop makes the mirrors from: the dome's profile as a table, sections as DXF, solids as STL.
 //! Pure: text and bytes, no files.
 //!
 //! Lengths are millimetres and scale is 1:1; r is the distance from the optical axis and z the height above the sample's
 //! plane. Every file shows the nominal rig.
 
+mod dxf;
 mod parts;
 mod profile_file;
+mod stl;
 
+pub use dxf::dxf;
 pub use parts::{HandoverError, Part, Parts};
 pub use profile_file::{ProfileFileError, profile_csv, read_profile};
+pub use stl::stl;
 
 /// Wall of the dome unless another is asked for, mm.
 pub const WALL_MM: f64 = 3.0;
