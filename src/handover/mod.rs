@@ -1,14 +1,18 @@
-//! What a workshop makes the mirrors from: the dome's profile as a table, sections as DXF, solids as STL.
+//! What a workshop makes the mirrors from: the dome's profile as a table, sections as DXF, solids as STL, a drawing as SVG.
 //! Pure: text and bytes, no files.
 //!
 //! Lengths are millimetres and scale is 1:1; r is the distance from the optical axis and z the height above the sample's
 //! plane. Every file shows the nominal rig.
 
+mod canvas;
+mod drawing;
 mod dxf;
+mod layout;
 mod parts;
 mod profile_file;
 mod stl;
 
+pub use drawing::drawing_svg;
 pub use dxf::dxf;
 pub use parts::{HandoverError, Part, Parts};
 pub use profile_file::{ProfileFileError, profile_csv, read_profile};
