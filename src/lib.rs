@@ -13,6 +13,7 @@
 pub mod geometry;
 pub mod basis;
 pub mod optics;
+pub mod handover;
 pub mod radiometry;
 pub mod store;
 pub mod reflectance;
