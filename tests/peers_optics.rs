@@ -58,11 +58,7 @@ fn rays_go_where_optiland_sends_them_and_faster() {
         "rays": rays.iter().map(|r| [r.origin, r.direction].concat()).collect::<Vec<_>>(),
         "timed": TIMED,
     });
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("rays.json");
-    std::fs::write(&file, task.to_string()).unwrap();
-    let answer = common::python("peer_optics.py", &[file.to_str().unwrap()]);
-    let answer: serde_json::Value = serde_json::from_slice(&answer).unwrap();
+    let answer: serde_json::Value = serde_json::from_str(&common::ask("peer_optics.py", &task)).unwrap();
     let points = answer["points"].as_array().unwrap();
     let many = placed.trace_many(&rays);
     let (mut worst, mut stopped) = (0.0f64, 0);

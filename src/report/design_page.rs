@@ -5,7 +5,7 @@ use super::chart::{Chart, Mark, Series};
 use super::html::{document, heading, number_cells, provenance, table_head};
 use super::sheet::Sheet;
 use super::text::{degrees, escape, number, percent};
-use crate::design::{Angle, Survey, ToleranceTable, View};
+use crate::design::{Angle, MeasuredProfile, Survey, ToleranceTable, View};
 
 /// Contributors that are named.
 const NAMED: usize = 5;
@@ -21,6 +21,8 @@ pub struct DesignReport {
     pub survey: Survey,
     /// What its tolerances cost, with the name of the material they were analysed for.
     pub tolerances: Option<(String, ToleranceTable)>,
+    /// What a measured profile of the dome does.
+    pub measured: Option<MeasuredProfile>,
     /// Drawing of the section: an SVG element.
     pub drawing: String,
     /// Blur below which chief rays stand for a pupil, degrees.
@@ -97,6 +99,7 @@ impl DesignReport {
             + &self.chief()
             + &heading("What the projector lights of what the camera sees")
             + &self.pairs()
+            + &self.measured()
             + &self.tolerances()
             + &provenance([
                 ("Rig", self.rig.as_str()),
@@ -204,6 +207,21 @@ impl DesignReport {
              below, a factor of both directions remains that no calibration of pixels removes.</p>\n<table class=\"cards\">\n{}<tbody>\n{rows}</tbody>\n</table>\n",
             table_head("Light", &columns, None)
         )
+    }
+
+    fn measured(&self) -> String {
+        let Some(m) = &self.measured else { return String::new() };
+        heading("The dome as measured")
+            + &format!(
+                "<p>{} points depart by up to {} mm ({} mm RMS) from the profile, its slopes by up to {} mrad. Chief rays then miss the \
+                 sample's middle by up to {} mm, and directions are off by {}° RMS before a calibration.</p>\n",
+                m.points,
+                number(m.departure_mm, 2),
+                number(m.departure_rms_mm, 2),
+                number(m.slope_mrad, 2),
+                number(m.miss_mm, 2),
+                number(m.direction_deg, 2)
+            )
     }
 
     fn tolerances(&self) -> String {

@@ -120,8 +120,8 @@ pub fn median(mut values: Vec<f64>) -> f64 {
     values[values.len() / 2]
 }
 
-/// Runs a script of tests/python on `cases` and fails with what it says.
-pub fn ask(script: &str, cases: &serde_json::Value) {
+/// Runs a script of tests/python on `cases` and fails with what it says; returns what it prints.
+pub fn ask(script: &str, cases: &serde_json::Value) -> String {
     let python = std::env::var_os("ZONAL_PYTHON")
         .expect("set ZONAL_PYTHON to a Python with tests/python/requirements.txt installed: `bash tests/run.sh` does");
     let folder = tempfile::tempdir().unwrap();
@@ -130,9 +130,10 @@ pub fn ask(script: &str, cases: &serde_json::Value) {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python").join(script);
     let output = Command::new(&python).arg("-B").arg(&script).arg(&file).output();
     let output = output.unwrap_or_else(|e| panic!("ZONAL_PYTHON = {}: {e}", python.display()));
-    let said = String::from_utf8_lossy(&output.stdout);
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
     println!("{said}");
     assert!(output.status.success(), "{}:\n{said}{}", script.display(), String::from_utf8_lossy(&output.stderr));
+    said
 }
 
 /// Coefficients of an isotropic material without error: `predicted` holds those of each ring at phi_o = 0 by channel, as

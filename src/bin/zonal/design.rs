@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use zonal::design::{Survey, ToleranceTable};
+use anyhow::Context;
+use zonal::design::{MeasuredProfile, Survey, ToleranceTable};
+use zonal::handover::{self, Part, Parts};
 use zonal::report::DesignReport;
 use zonal::store;
 
@@ -16,6 +18,18 @@ pub struct Args {
     /// New or empty folder for the report, the drawing and the profile files.
     #[arg(long)]
     out: Option<PathBuf>,
+    /// Measured profile of the dome, CSV with the columns r_mm and z_mm from the axis outwards: what its departure does.
+    #[arg(long)]
+    profile: Option<PathBuf>,
+    /// Wall of the dome, mm.
+    #[arg(long, default_value_t = handover::WALL_MM, value_parser = common::within(0.1, 100.0))]
+    wall_mm: f64,
+    /// Distance of the profile's points along its arc, mm.
+    #[arg(long, default_value_t = handover::SPACING_MM, value_parser = common::within(1e-3, 100.0))]
+    spacing_mm: f64,
+    /// Chord error of the solids, mm.
+    #[arg(long, default_value_t = handover::CHORD_MM, value_parser = common::within(1e-4, 10.0))]
+    chord_mm: f64,
     /// Step of the polar angle, degrees.
     #[arg(long, default_value_t = 1.0, value_parser = common::within(0.1, 10.0))]
     step_deg: f64,
@@ -39,6 +53,19 @@ pub struct Args {
     chief_deg: f64,
 }
 
+/// What is handed over beside the page.
+const FILES: [(&str, &str); 9] = [
+    ("profile.csv", "the dome's profile with normals and radii of curvature"),
+    ("dome.dxf", "section 1:1"),
+    ("mandrel.dxf", "section 1:1"),
+    ("convex-mirror.dxf", "section 1:1"),
+    ("dome.stl", "solid"),
+    ("mandrel.stl", "solid"),
+    ("convex-mirror.stl", "solid"),
+    ("section.svg", "dimensioned drawing"),
+    ("angles.svg", "what is measured over polar angles"),
+];
+
 pub fn run(args: &Args) -> anyhow::Result<Report> {
     let started = Instant::now();
     let rig = common::rig(&args.rig)?;
@@ -55,21 +82,40 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     } else {
         None
     };
+    let measured = match &args.profile {
+        Some(path) => {
+            let points = handover::read_profile(&store::read_text(path)?).with_context(|| common::said(path))?;
+            Some(MeasuredProfile::new(&rig, &points).with_context(|| common::said(path))?)
+        }
+        None => None,
+    };
+    let parts = Parts::new(&rig, rig.alignment.opening_radius_mm, args.wall_mm)?;
     let report = DesignReport {
         rig: rig.name.clone(),
         source: rig.source.clone(),
         survey,
         tolerances,
-        drawing: String::new(),
+        drawing: handover::drawing_svg(&parts)?,
         chief_deg: args.chief_deg,
-        files: Vec::new(),
+        files: FILES.map(|(name, what)| (name.to_owned(), what.to_owned())).to_vec(),
+        measured,
     };
     if let Some(out) = &args.out {
         let sheet = report.sheet();
-        store::write_dir(out, |folder| {
-            store::write(&folder.join("angles.svg"), sheet.to_svg().as_bytes())?;
-            store::write(&folder.join("angles.png"), &sheet.to_png())?;
-            store::write(&folder.join("index.html"), report.to_html().as_bytes())
+        store::write_dir(out, |folder| -> anyhow::Result<()> {
+            let write = |name: &str, bytes: &[u8]| store::write(&folder.join(name), bytes);
+            write("profile.csv", handover::profile_csv(&parts, args.spacing_mm)?.as_bytes())?;
+            for part in Part::ALL {
+                let name = part.name().replace(' ', "-");
+                write(&format!("{name}.dxf"), handover::dxf(&parts, part)?.as_bytes())?;
+                write(&format!("{name}.stl"), &handover::stl(&parts, part, args.chord_mm)?)?;
+            }
+            write("section.svg", report.drawing.as_bytes())?;
+            write("angles.svg", sheet.to_svg().as_bytes())?;
+            write("angles.png", &sheet.to_png())?;
+            write("rig.toml", rig.to_toml().as_bytes())?;
+            write("index.html", report.to_html().as_bytes())?;
+            Ok(())
         })?;
     }
     let mut json = serde_json::to_value(&report.survey)?;
@@ -77,6 +123,9 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     if let Some((material, table)) = &report.tolerances {
         json["tolerances"] = serde_json::to_value(table)?;
         json["tolerances"]["material"] = material.as_str().into();
+    }
+    if let Some(measured) = &report.measured {
+        json["measured_profile"] = serde_json::to_value(measured)?;
     }
     if let Some(out) = &args.out {
         json["page"] = common::said(&out.join("index.html")).into();
@@ -162,6 +211,13 @@ fn text(report: &DesignReport) -> String {
             a.camera.px_per_deg[1],
             a.projector.px_per_deg[0],
             a.projector.px_per_deg[1]
+        ));
+    }
+    if let Some(m) = &report.measured {
+        lines.push(format!(
+            "measured profile: departs by up to {:.4} mm ({:.4} RMS), slopes by {:.3} mrad; chief rays miss the middle by up to {:.3} mm, \
+             directions are off by {:.4} deg RMS",
+            m.departure_mm, m.departure_rms_mm, m.slope_mrad, m.miss_mm, m.direction_deg
         ));
     }
     if let Some((material, table)) = &report.tolerances {
