@@ -13,7 +13,8 @@ use zonal::optics::{Conic, Mirrors, PlacedMirrors, Ray};
 const RAYS: usize = 10_000;
 const TIMED: usize = 1_000_000;
 const CENTRE_MM: f64 = 405.0;
-const CONVEX_APERTURE_MM: f64 = 16.0;
+/// Within the zone above the dome's widest circle: below it the sheet that optiland follows ends.
+const CONVEX_APERTURE_MM: f64 = 10.5;
 /// Both are right to rounding.
 const AGREE_MM: f64 = 1e-6;
 
@@ -51,31 +52,28 @@ fn rays_go_where_optiland_sends_them_and_faster() {
             "vertex_height": c.vertex_height, "radius": c.radius, "constant": c.constant, "aperture": aperture,
         })
     };
-    let task = serde_json::json!({
+    let mut task = serde_json::json!({
         "centre_height": CENTRE_MM,
         "convex": conic(&convex, CONVEX_APERTURE_MM),
         "dome": conic(&dome, 145.0),
         "rays": rays.iter().map(|r| [r.origin, r.direction].concat()).collect::<Vec<_>>(),
         "timed": TIMED,
     });
-    let answer: serde_json::Value = serde_json::from_str(&common::ask("peer_optics.py", &task)).unwrap();
-    let points = answer["points"].as_array().unwrap();
-    let many = placed.trace_many(&rays);
-    let (mut worst, mut stopped) = (0.0f64, 0);
-    for ((ray, many), theirs) in rays.iter().zip(&many).zip(points) {
-        let ours = placed.trace(&Point3::from(ray.origin), &Vector3::from(ray.direction)).unwrap();
-        assert_eq!(theirs.is_null(), ours.rho > CONVEX_APERTURE_MM, "{} {theirs}", ours.rho);
-        if theirs.is_null() {
-            stopped += 1;
-            continue;
-        }
-        let at = |i: usize| Point3::from(std::array::from_fn(|axis| theirs[i][axis].as_f64().unwrap()));
-        let [p, d, s] = [at(0), at(1), at(2)];
-        let differences = [ours.convex - p, ours.dome - d, ours.at_height(0.0) - s, Point3::from(many.dome) - d];
-        worst = differences.iter().map(Vector3::norm).fold(worst, f64::max);
+    let traced = |r: &Ray| placed.trace(&Point3::from(r.origin), &Vector3::from(r.direction)).expect("both are met");
+    let traced: Vec<_> = rays.iter().map(traced).collect();
+    for (one, many) in traced.iter().zip(placed.trace_many(&rays)) {
+        assert!(
+            (one.dome - Point3::from(many.dome)).norm() < 1e-9 && (one.out - Vector3::from(many.out)).norm() < 1e-9
+        );
     }
+    let points: Vec<[[f64; 3]; 3]> =
+        traced.iter().map(|t| [t.convex, t.dome, t.at_height(0.0)].map(Into::into)).collect();
+    task["points"] = serde_json::json!(points);
+    task["stopped"] = serde_json::json!(traced.iter().map(|t| t.rho > CONVEX_APERTURE_MM).collect::<Vec<_>>());
+    let answer: serde_json::Value = serde_json::from_str(&common::ask("peer_optics.py", &task)).unwrap();
+    let (worst, stopped) = (answer["worst_mm"].as_f64().unwrap(), answer["stopped"].as_u64().unwrap());
     println!("{} rays agree to {worst:.1e} mm, {stopped} stopped by the aperture", rays.len());
-    assert!(worst < AGREE_MM && (100..RAYS / 2).contains(&stopped));
+    assert!(worst < AGREE_MM && (100..5000).contains(&stopped));
     let timed: Vec<Ray> = rays.iter().copied().cycle().take(TIMED).collect();
     let ours = (0..5)
         .map(|_| {

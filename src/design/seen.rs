@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use nalgebra::Vector3;
 
 use crate::geometry::{Direction, Sample};
-use crate::optics::{Device, Misaligned, Misalignment, PupilMap, Rig};
+use crate::optics::{Device, Misaligned, Misalignment, PupilMap, Rig, disc};
 use crate::reflectance::{Brdf, Towards};
 
 /// Polar angles and azimuths of the table.
@@ -115,6 +115,49 @@ impl Blur {
     }
 }
 
+/// What the projector lights of what the camera sees, to first order in the pupils.
+pub struct Lit {
+    /// Terms of the camera's pupil, and its radius, mm.
+    pub camera: (PupilMap, f64),
+    /// Terms of the projector's pupil, and its radius, mm.
+    pub projector: (PupilMap, f64),
+    /// Height of the sample above its place, mm.
+    pub height_mm: f64,
+}
+
+impl Lit {
+    /// Of a rig whose sample is `height_mm` too high; `None` if a ray of a pupil misses a mirror.
+    pub fn new(rig: &Rig, height_mm: f64) -> Option<Self> {
+        let zone = rig.zone();
+        let of = |device, pupil_mm| {
+            let traced = Misaligned::new(rig, &Misalignment::none(), device);
+            Some((PupilMap::new(&traced, zone.theta_min(), zone.theta_max())?, pupil_mm))
+        };
+        let camera = of(Device::Camera, rig.camera.pupil_mm())?;
+        Some(Self { camera, projector: of(Device::Projector, rig.projector.pupil_mm())?, height_mm })
+    }
+
+    /// |Fp ∩ Fc| / |Fc|: the share of the camera's pupil whose points of the sample send their light into the projector's.
+    pub fn share(&self, wi: &Direction<Sample>, wo: &Direction<Sample>) -> f64 {
+        let radial = |d: &Direction<Sample>, along: f64, across: f64| {
+            let (sin, cos) = d.phi().sin_cos();
+            [along * cos - across * sin, along * sin + across * cos]
+        };
+        // Along either ray the raised surface is met off the middle.
+        let (lift_o, lift_i) = (self.height_mm * wo.theta().tan(), self.height_mm * wi.theta().tan());
+        let (seen, light) = (self.camera.0.at(wo.theta()).position, self.projector.0.at(wi.theta()).position);
+        let lifted = radial(wi, lift_i, 0.0);
+        let (sin, cos) = wi.phi().sin_cos();
+        let lit = disc().filter(|p| {
+            let x = radial(wo, self.camera.1 * seen[0] * p[0] + lift_o, self.camera.1 * seen[1] * p[1]);
+            let (x, y) = (x[0] - lifted[0], x[1] - lifted[1]);
+            let pupil = [(x * cos + y * sin) / light[0], (y * cos - x * sin) / light[1]];
+            pupil[0].hypot(pupil[1]) <= self.projector.1
+        });
+        lit.count() as f64 / disc().count() as f64
+    }
+}
+
 /// A sample as a rig with errors sees it: f_cos of nominal directions, with all that the errors do to it.
 pub struct Seen<'a> {
     /// The sample.
@@ -127,6 +170,8 @@ pub struct Seen<'a> {
     pub projector_blur: Blur,
     /// Of the camera's view.
     pub camera_blur: Blur,
+    /// What is lit; all of it if none.
+    pub lit: Option<Lit>,
 }
 
 impl Brdf for Seen<'_> {
@@ -140,11 +185,12 @@ impl Brdf for Seen<'_> {
 
     fn towards<'a>(&'a self, wo: &Direction<Sample>) -> Towards<'a> {
         let (wo, _) = self.camera.truth(wo);
+        let lit_share = move |wi: &Direction<Sample>| self.lit.as_ref().map_or(1.0, |lit| lit.share(wi, &wo));
         let views: Vec<Towards<'a>> = self.camera_blur.around(&wo).iter().map(|wo| self.brdf.towards(wo)).collect();
         Box::new(move |wi| {
             let (wi, solid_angle) = self.projector.truth(wi);
             let lit = self.projector_blur.around(&wi);
-            let share = solid_angle / (views.len() * lit.len()) as f64;
+            let share = solid_angle * lit_share(&wi) / (views.len() * lit.len()) as f64;
             let mut sum = [0.0; 3];
             for view in &views {
                 for wi in &lit {
@@ -166,6 +212,21 @@ mod tests {
 
     fn rig() -> Rig {
         Rig::from_toml(include_str!("../../optics/ghosh-2007-built.toml")).unwrap()
+    }
+
+    /// Figures of the derivation: equal pupils keep 40%, and the recommended projector holds to 0.2 mm.
+    #[test]
+    fn shares_are_those_of_footprints() {
+        let mut rig = rig();
+        let at = |theta_deg: f64, phi: f64| Direction::from_angles(theta_deg.to_radians(), phi);
+        let wide = Lit::new(&rig, 0.2).unwrap();
+        for (wi, wo, phi) in [(9.0, 57.0, 0.0), (9.0, 57.0, 3.1), (57.0, 57.0, 3.1), (57.0, 9.0, 1.0)] {
+            assert_eq!(wide.share(&at(wi, phi), &at(wo, 0.0)), 1.0, "{wi} {wo} {phi}");
+        }
+        assert!(Lit::new(&rig, 2.0).unwrap().share(&at(57.0, 3.1), &at(57.0, 0.0)) < 0.5);
+        rig.projector.f_number = rig.projector.focal_length_mm / (2.0 * rig.camera.pupil_mm());
+        let equal = Lit::new(&rig, 0.0).unwrap().share(&at(9.15, 0.0), &at(57.0, 0.0));
+        assert!((equal - 0.40).abs() < 0.03, "{equal}");
     }
 
     #[test]

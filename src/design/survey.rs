@@ -162,10 +162,16 @@ impl Survey {
         let mirrors = rig.mirrors();
         let zone = rig.zone();
         let (begin, end) = (zone.theta_min().to_degrees(), zone.theta_max().to_degrees());
-        let steps = ((end - begin) / step_deg).ceil().max(1.0) as usize;
-        let at = |i: usize| (begin + (end - begin) * i as f64 / steps as f64).min(LAST_DEG);
+        // Whole steps from 0 on, and both ends.
+        let between = (1..)
+            .map(|i| f64::from(i) * step_deg)
+            .skip_while(|a| *a <= begin + 1e-9)
+            .take_while(|a| *a < end.min(LAST_DEG) - 1e-9);
+        let at: Vec<f64> = [begin].into_iter().chain(between).chain([end.min(LAST_DEG)]).collect();
+        let steps = at.len() - 1;
         let devices = [Device::Camera, Device::Projector].map(|d| Misaligned::new(rig, &Misalignment::none(), d));
-        let angles: Vec<Angle> = (0..=steps).map(|i| angle(rig, &devices, at(i))).collect::<Result<_, _>>()?;
+        let angles: Vec<Angle> =
+            at.into_iter().map(|theta_deg| angle(rig, &devices, theta_deg)).collect::<Result<_, _>>()?;
         let least = |of: fn(&Angle) -> [f64; 2]| angles.iter().flat_map(of).fold(f64::INFINITY, f64::min);
         let camera_min_px_per_deg = least(|a| a.camera.px_per_deg);
         let projector_min_px_per_deg = least(|a| a.projector.px_per_deg);
@@ -392,8 +398,7 @@ mod tests {
         assert!((s.shadow_deg - 9.15).abs() < 0.05, "{}", s.shadow_deg);
         assert!((s.undercut_deg.unwrap() - 64.8).abs() < 0.1);
         assert!((s.diameter_mm - 279.8).abs() < 1.3, "{}", s.diameter_mm);
-        let at_57 =
-            s.angles.iter().min_by(|a, b| (a.theta_deg - 57.0).abs().total_cmp(&(b.theta_deg - 57.0).abs())).unwrap();
+        let at_57 = s.angles.iter().find(|a| a.theta_deg == 57.0).unwrap();
         assert!((at_57.draft_deg - 8.1).abs() < 0.2, "{} at {}", at_57.draft_deg, at_57.theta_deg);
         assert!((3.6..4.0).contains(&s.camera_min_px_per_deg), "{}", s.camera_min_px_per_deg);
         assert!((2.7..3.0).contains(&s.projector_min_px_per_deg), "{}", s.projector_min_px_per_deg);

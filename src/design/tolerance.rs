@@ -250,6 +250,7 @@ impl<'a> Bench<'a> {
             camera,
             camera_blur: blur(Device::Camera, errors.pupils[0], self.rig.camera.pupil_mm())?,
             projector_blur: blur(Device::Projector, errors.pupils[1], self.rig.projector.pupil_mm())?,
+            lit: None,
         };
         Some(self.forward.predict(&seen))
     }

@@ -83,6 +83,16 @@ impl Mirrors {
         Some(0.5 * (lo + hi))
     }
 
+    /// By how much |P-C| + |D-P| + |S-D| of `steps` computed points differs from K at most, mm: the closed form's own check.
+    pub fn path_variation(&self, steps: usize) -> f64 {
+        let of = |i: usize| {
+            let rho = self.edge_radius() * i as f64 / steps as f64;
+            let (p, d) = (self.convex().point(rho), self.profile(rho)?);
+            Some(((p - self.centre()).norm() + (d - p).norm() + d.coords.norm() - self.path_length()).abs())
+        };
+        (1..=steps).filter_map(of).fold(0.0, f64::max)
+    }
+
     /// The dome's widest point: below it a mould is undercut. `None` if the dome widens down to the sample's plane.
     pub fn undercut(&self) -> Option<ProfilePoint> {
         let point = |rho: f64| self.profile_point(rho).filter(|p| p.z >= 0.0);

@@ -59,29 +59,26 @@ impl DesignReport {
             ]
         };
         let blur = vec![series(names[0], 1, &|a| a.camera.blur_deg), series(names[2], 3, &|a| a.projector.blur_deg)];
-        let limit = |mut chart: Chart| {
-            let tight = self.survey.limits.iter().filter(|l| l.binds && l.end == "outer");
-            chart.markers = tight.map(|l| (l.theta_deg, l.name.to_owned())).collect();
-            chart
-        };
-        let panel = |title: &str, y: &str, series: Vec<Series>| {
-            Some((
-                title.to_owned(),
-                limit(Chart::new(format!("{title} over polar angles"), axis(), Axis::linear(y), series)),
-            ))
+        let tight =
+            self.survey.limits.iter().find(|l| l.binds && l.end == "outer" && l.theta_deg < self.survey.zone_deg[1]);
+        let panel = |title: &str, y: Axis, series: Vec<Series>| {
+            let mut chart = Chart::new(format!("{title} over polar angles"), axis(), y, series);
+            chart.bands = tight.map(|l| [l.theta_deg, self.survey.zone_deg[1]]).into_iter().collect();
+            Some((title.to_owned(), chart))
         };
         let draft = vec![series("dome", 0, &|a| a.draft_deg)];
         Sheet {
             title: format!("{}: resolution, footprints, blur and draft over polar angles", self.rig),
-            columns: 2,
+            columns: 3,
             panels: vec![
-                panel("Pixels per degree", "px/deg", four(|v| v.px_per_deg)),
-                panel("Footprints on the sample", "semi-axis / mm", four(|v| v.footprint_mm)),
-                panel("RMS blur of the pupils", "deg", blur),
-                panel("Draft of the dome's meridian", "deg", draft),
+                panel("Pixels per degree", Axis::linear("px/deg"), four(|v| v.px_per_deg)),
+                panel("Footprints on the sample", Axis::log("semi-axis / mm"), four(|v| v.footprint_mm)),
+                panel("RMS blur of the pupils", Axis::linear("deg"), blur),
+                panel("Draft of the dome's meridian", Axis::linear("deg"), draft),
+                None,
             ],
             series: names.iter().enumerate().map(|(i, n)| (i + 1, Mark::Line, (*n).to_owned())).collect(),
-            notes: Vec::new(),
+            notes: tight.map(|l| format!("shaded: beyond the {}", l.name)).into_iter().collect(),
         }
     }
 

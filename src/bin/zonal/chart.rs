@@ -7,10 +7,11 @@ use std::time::Instant;
 use anyhow::Context;
 use clap::ValueEnum;
 use zonal::convert::{PriorTable, Scan, stability_csv};
+use zonal::design::height_errors;
 use zonal::measure::{ControlRun, MeasureError};
-use zonal::optics::Rig;
+use zonal::optics::{ProfileError, ProfileMethod, Rig};
 use zonal::reflectance::{Brdf, sgd_materials};
-use zonal::report::{ControlReport, ParetoScan, StabilityReport, pareto_plans};
+use zonal::report::{ControlReport, HeightRow, OpticsReport, ParetoScan, ProfileRow, StabilityReport, pareto_plans};
 use zonal::store;
 use zonal::twin::TwinConfig;
 
@@ -24,6 +25,8 @@ enum Name {
     Control,
     /// Seconds against error: plans on the rig, and ways of computing.
     Pareto,
+    /// Ways to compute a dome's profile, and what a sample at the wrong height costs.
+    Optics,
 }
 
 #[derive(clap::Args)]
@@ -51,11 +54,12 @@ pub struct Args {
 
 pub fn run(args: &Args) -> anyhow::Result<Report> {
     match args.name {
-        Name::Stability | Name::Pareto if !args.runs.is_empty() => {
+        Name::Stability | Name::Pareto | Name::Optics if !args.runs.is_empty() => {
             let name = args.name.to_possible_value().expect("none is hidden");
             Err(BadUsage(format!("`chart {}` takes no runs: leave them out", name.get_name())).into())
         }
         Name::Pareto => pareto(args),
+        Name::Optics => optics(args),
         Name::Stability => stability(args),
         Name::Control => control(args),
     }
@@ -89,6 +93,85 @@ fn stability(args: &Args) -> anyhow::Result<Report> {
         "materials": report.materials, "rows": report.rows.len(), "seconds": seconds,
     });
     Ok(Report { text, json })
+}
+
+/// Steps of profiles.
+const STEPS: [usize; 5] = [30, 100, 1000, 10_000, 100_000];
+/// Heights of samples, mm.
+const HEIGHTS_MM: [f64; 5] = [0.05, 0.1, 0.2, 1.0, 2.0];
+/// The gray card and a glossy material.
+const RAISED: [&str; 2] = ["gray-card", "ggx-0.1"];
+const SMALL_PUPIL: &str = include_str!("../../../optics/ghosh-2007-seed-projector.toml");
+
+fn optics(args: &Args) -> anyhow::Result<Report> {
+    let started = Instant::now();
+    common::makeable(&args.out)?;
+    store::vacant(&args.out)?;
+    let rig = Rig::from_toml(RIG)?;
+    let mirrors = rig.mirrors();
+    let mut profiles = Vec::new();
+    for method in ProfileMethod::ALL {
+        for steps in STEPS {
+            let begun = Instant::now();
+            std::hint::black_box(method.points(&mirrors, steps));
+            let seconds = begun.elapsed().as_secs_f64();
+            let error = ProfileError::of(method, &mirrors, steps);
+            let closed = method == ProfileMethod::ClosedForm;
+            let distance_mm = if closed { mirrors.path_variation(steps) } else { error.distance_mm };
+            profiles.push(ProfileRow {
+                method: method.name(),
+                steps,
+                distance_mm,
+                slope_arcsec: error.slope_arcsec,
+                seconds,
+            });
+        }
+    }
+    let mut heights = Vec::new();
+    for text in [RIG, SMALL_PUPIL] {
+        let rig = Rig::from_toml(text)?;
+        for name in RAISED {
+            let material = common::material(name)?;
+            let errors = height_errors(&rig, material.brdf.as_ref(), 2, &HEIGHTS_MM)?;
+            let errors = errors.context("a ray of a pupil misses a mirror of a built-in rig")?;
+            heights.push(HeightRow { rig: rig.name.clone(), material: name.into(), errors });
+        }
+    }
+    let report = OpticsReport { profiles, heights };
+    let sheet = report.sheet();
+    store::write_dir(&args.out, |folder| {
+        store::write(&folder.join("optics.csv"), &report.to_csv())?;
+        store::write(&folder.join("optics.svg"), sheet.to_svg().as_bytes())?;
+        store::write(&folder.join("optics.png"), &sheet.to_png())?;
+        store::write(&folder.join("index.html"), report.to_html().as_bytes())
+    })?;
+    let seconds = started.elapsed().as_secs_f64();
+    let mut json = serde_json::to_value(&report)?;
+    let [page, png, svg, csv] =
+        ["index.html", "optics.png", "optics.svg", "optics.csv"].map(|name| common::said(&args.out.join(name)));
+    let mut text: Vec<String> = report
+        .profiles
+        .iter()
+        .map(|p| {
+            let (name, steps, mm, arcsec, ms) = (p.method, p.steps, p.distance_mm, p.slope_arcsec, 1e3 * p.seconds);
+            format!("{name:12} {steps:6} steps: {mm:.2e} mm, {arcsec:.2e} arc seconds, {ms:.3} ms")
+        })
+        .collect();
+    for h in &report.heights {
+        for e in &h.errors {
+            let (mm, of_one, of_all, lit) = (e.height_mm, 100.0 * e.largest_rel, 100.0 * e.total_rel, e.lit_share);
+            text.push(format!(
+                "{} on {}, {mm} mm too high: {of_one:.3}% of z_00 in one coefficient, {of_all:.3}% in all; {lit:.2} lit",
+                h.material, h.rig
+            ));
+        }
+    }
+    text.push(format!("page: {page}\npicture: {png}\n         {svg}\ntable: {csv}"));
+    for (key, value) in [("page", page), ("png", png), ("svg", svg), ("csv", csv)] {
+        json[key] = value.into();
+    }
+    json["seconds"] = seconds.into();
+    Ok(Report { text: text.join("\n"), json })
 }
 
 /// Published SGD materials, of all classes, that are none of the families fitted.

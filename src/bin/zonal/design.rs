@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Context;
-use zonal::design::{MeasuredProfile, Survey, ToleranceTable};
+use zonal::design::{Angle, MeasuredProfile, Survey, ToleranceTable};
 use zonal::handover::{self, Part, Parts};
 use zonal::report::DesignReport;
 use zonal::store;
@@ -134,6 +134,19 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     Ok(Report { text: text(&report), json })
 }
 
+/// Drafts that workshops ask for, degrees, and the polar angles up to which a dome has them.
+fn draft(angles: &[Angle]) -> String {
+    let up_to = |draft_deg: f64| {
+        let after = angles.iter().position(|a| a.draft_deg < draft_deg)?;
+        let (a, b) = (angles.get(after.checked_sub(1)?)?, &angles[after]);
+        Some(a.theta_deg + (a.draft_deg - draft_deg) / (a.draft_deg - b.draft_deg) * (b.theta_deg - a.theta_deg))
+    };
+    let said =
+        [10.0, 8.0, 5.0, 3.0].map(|draft| up_to(draft).map(|deg| format!("{draft} deg of draft up to {deg:.1} deg")));
+    let said: Vec<String> = said.into_iter().flatten().collect();
+    if said.is_empty() { "a mandrel has more than 10 deg of draft everywhere".into() } else { said.join(", ") }
+}
+
 fn text(report: &DesignReport) -> String {
     let s = &report.survey;
     let mut lines = vec![
@@ -171,6 +184,7 @@ fn text(report: &DesignReport) -> String {
                 s.footprint_up_to_deg, -s.footprint_margin_mm
             )
         },
+        draft(&s.angles),
         format!(
             "draft at the zone's end {:.1} deg; polarisation at most {:.2}%; transmission {:.1}%",
             s.draft_deg,
@@ -199,8 +213,9 @@ fn text(report: &DesignReport) -> String {
         });
     }
     lines.push("theta   r mm     z mm   draft  camera px/deg  projector px/deg".into());
-    let every = (s.angles.len() / 16).max(1);
-    for a in s.angles.iter().step_by(every) {
+    let last = s.angles.len() - 1;
+    let told = |i: usize, theta_deg: f64| i == 0 || i == last || theta_deg % 5.0 == 0.0;
+    for (_, a) in s.angles.iter().enumerate().filter(|(i, a)| told(*i, a.theta_deg)) {
         lines.push(format!(
             "{:5.1} {:7.2} {:8.2} {:7.2} {:8.2} {:5.2} {:9.2} {:5.2}",
             a.theta_deg,
