@@ -57,8 +57,12 @@ impl Mirrors {
         if hi.is_nan() || lands_at(hi) > rim_radius {
             return None;
         }
-        for _ in 0..200 {
+        loop {
             let mid = 0.5 * (lo + hi);
+            // No number lies between.
+            if mid <= lo || mid >= hi {
+                break;
+            }
             if lands_at(mid) > rim_radius { lo = mid } else { hi = mid }
         }
         mirrors.edge_radius = hi;

@@ -9,6 +9,7 @@ mod placed;
 mod profile;
 mod pupil;
 mod rig;
+mod wishes;
 
 pub use conic::Conic;
 pub use correction::MapCorrection;
@@ -19,3 +20,4 @@ pub use placed::{Figure, PlacedMirrors, Pose, Reflected};
 pub use profile::{ProfileError, ProfileMethod, ProfilePoint};
 pub use pupil::{Beam, PupilMap, PupilTerms, disc};
 pub use rig::{Alignment, Arm, Camera, Dome, Mosaic, Paraboloid, Projector, Rig, RigError, ZoneLimits};
+pub use wishes::{Free, FreeDome, FreeLens, FreeParaboloid, FreeZone, Limits, Objective, Parameter, SearchTable};
