@@ -128,8 +128,8 @@ impl Values {
     pub(super) fn for_each_excess(&self, limits: &Limits, mut say: impl FnMut(&'static str, f64)) {
         let over = |value: f64, limit: f64| (value - limit) / if limit == 0.0 { 1.0 } else { limit };
         if let Some([width, depth, height]) = limits.box_mm {
-            say("box width", over(self.diameter_mm, width.min(depth)));
-            say("box height", over(self.height_mm, height));
+            say("box_width", over(self.diameter_mm, width.min(depth)));
+            say("box_height", over(self.height_mm, height));
         }
         for (&objective, &limit) in &limits.worst {
             let excess = over(self.get(objective), limit);
@@ -213,8 +213,8 @@ mod tests {
         let worst = [(Objective::DraftDeg, 9.0), (Objective::ShadowDeg, 8.0), (Objective::Evenness, 0.5)].into();
         let limits = Limits { box_mm: Some([300.0, 270.0, 254.0]), worst };
         let excess = |name| values.excesses(&limits).into_iter().find(|e| e.0 == name).unwrap().1;
-        assert!(excess("draft_deg") > 0.0 && excess("shadow_deg") > 0.0 && excess("box width") > 0.0);
-        assert!(excess("evenness") < 0.0 && excess("box height") < 0.0 && excess("sensor") < 0.0);
+        assert!(excess("draft_deg") > 0.0 && excess("shadow_deg") > 0.0 && excess("box_width") > 0.0);
+        assert!(excess("evenness") < 0.0 && excess("box_height") < 0.0 && excess("sensor") < 0.0);
         assert!(excess("holds_to_mm") < 0.0, "asked for without being named");
     }
 

@@ -395,14 +395,18 @@ mod tests {
     }
 
     /// Three free dimensions and two objectives: seconds instead of minutes.
-    fn small() -> Search {
+    fn small_rig() -> Rig {
         let mut rig = rig();
         let table = rig.search.as_mut().unwrap();
         table.objectives = vec![Objective::ProjectedCoverage, Objective::ToleranceDegPerMm];
         table.free.paraboloid.conic = None;
         table.free.centre_height_mm = None;
         table.free.dome.rim_radius_mm = None;
-        Search::new(&rig).unwrap()
+        rig
+    }
+
+    fn small() -> Search {
+        Search::new(&small_rig()).unwrap()
     }
 
     #[test]
@@ -450,7 +454,7 @@ mod tests {
     #[test]
     fn what_cannot_be_searched_is_named() {
         let error = |change: fn(&mut SearchTable)| {
-            let mut rig = rig();
+            let mut rig = small_rig();
             change(rig.search.as_mut().unwrap());
             Search::new(&rig).and_then(|s| s.run(1, 3)).unwrap_err()
         };
@@ -460,8 +464,8 @@ mod tests {
         assert!(matches!(error(|t| t.objectives.truncate(1)), SearchError::Objectives { .. }));
         assert!(matches!(error(|t| t.objectives[1] = t.objectives[0]), SearchError::Objectives { .. }));
         assert!(matches!(error(|t| t.reference.clear()), SearchError::NoReference { key: "projected_coverage", .. }));
-        let beaten = error(|t| t.reference.insert(Objective::VolumeL, 10.0).map_or((), |_| ()));
-        assert!(beaten.to_string().contains("volume_l = 10") && beaten.to_string().contains("larger"), "{beaten}");
+        let beaten = error(|t| t.reference.extend([(Objective::ToleranceDegPerMm, 4.0)])).to_string();
+        assert!(beaten.contains("tolerance_deg_per_mm = 4") && beaten.contains("larger"), "{beaten}");
         let within = error(|t| t.limits.box_mm = Some([50.0, 50.0, 50.0]));
         assert!(matches!(within, SearchError::NothingWithin { .. }), "{within}");
         let bounds = error(|t| {

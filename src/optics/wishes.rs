@@ -263,7 +263,7 @@ impl SearchTable {
             return error("search.free.zone.theta_max_deg", hi, "an upper bound of at most 89.5 degrees");
         }
         let l = &self.limits;
-        for side in l.box_mm.into_iter().flatten().filter(|s| !(*s > 0.0 && s.is_finite())) {
+        if let Some(side) = l.box_mm.into_iter().flatten().find(|s| !(*s > 0.0 && s.is_finite())) {
             return error("search.limits.box_mm", side, "three lengths above 0");
         }
         if let Some(value) = l.worst.values().find(|v| !(v.is_finite() && **v >= 0.0)) {

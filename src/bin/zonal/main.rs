@@ -9,6 +9,7 @@ mod common;
 mod compare;
 mod convert;
 mod demo;
+mod design_search;
 mod export;
 mod fit;
 mod materials;
@@ -74,6 +75,20 @@ enum Command {
     Fit(fit::Args),
     /// How far a model is from the truth.
     Compare(compare::Args),
+    /// Searches for better dimensions of a rig.
+    DesignSearch {
+        /// Rig file with a `[search]` table.
+        rig: std::path::PathBuf,
+        /// Seed of the random points.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+        /// Random points.
+        #[arg(long, default_value_t = 100)]
+        starts: usize,
+        /// New or empty folder for table, pictures and the balanced rig.
+        #[arg(long)]
+        out: std::path::PathBuf,
+    },
     /// Models fitted to a run, compared on one HTML page.
     Report(report::Args),
     /// What the methods can and cannot do, from built-in materials alone: a table, a picture and a page.
@@ -106,6 +121,7 @@ fn main() -> ExitCode {
         Command::Prior(args) => prior::run(&args),
         Command::Fit(args) => fit::run(&args),
         Command::Compare(args) => compare::run(&args),
+        Command::DesignSearch { rig, seed, starts, out } => design_search::run(&rig, seed, starts, &out),
         Command::Report(args) => report::run(&args),
         Command::Chart(args) => chart::run(&args),
         Command::Render(args) => render::run(&args),
