@@ -7,7 +7,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Modules without a file, clock, device or random source of their own.
-const PURE: [&str; 5] = ["geometry", "basis", "optics", "handover", "radiometry"];
+const PURE: [&str; 6] = ["geometry", "basis", "optics", "handover", "radiometry", "design"];
 
 /// Parts of `std` that reach outside the program.
 const WORLD: [&str; 6] = ["fs", "time", "net", "env", "process", "os"];

@@ -57,8 +57,12 @@ impl Mirrors {
         if hi.is_nan() || lands_at(hi) > rim_radius {
             return None;
         }
-        for _ in 0..200 {
+        loop {
             let mid = 0.5 * (lo + hi);
+            // No number lies between.
+            if mid <= lo || mid >= hi {
+                break;
+            }
             if lands_at(mid) > rim_radius { lo = mid } else { hi = mid }
         }
         mirrors.edge_radius = hi;
@@ -97,18 +101,18 @@ impl Mirrors {
         let t = self.convex.hit(&self.centre(), e)?;
         let p = self.centre() + e * t;
         let d = self.convex.reflect(&p, e);
-        Some(Path { convex: p, dome: self.to_dome(&p, t, &d)?.1 })
+        Some(Path { convex: p, dome: self.dome_along(&p, t, &d)?.1 })
     }
 
     /// The dome's point on the ray that the convex mirror reflects at radius `rho`, in the half plane phi = 0.
     pub fn profile(&self, rho: f64) -> Option<Point3<f64>> {
         let p = self.convex.point(rho);
         let w = p - self.centre();
-        Some(self.to_dome(&p, w.norm(), &self.convex.reflect(&p, &w.normalize()))?.1)
+        Some(self.dome_along(&p, w.norm(), &self.convex.reflect(&p, &w.normalize()))?.1)
     }
 
     /// Distance along `d` to the dome, and the point: t = (k^2 - |w|^2) / (2 (w.d + k)) with w = P - S and k = K - |P-C|; D = P + t d.
-    pub(super) fn to_dome(&self, p: &Point3<f64>, from_centre: f64, d: &Vector3<f64>) -> Option<(f64, Point3<f64>)> {
+    pub(super) fn dome_along(&self, p: &Point3<f64>, from_centre: f64, d: &Vector3<f64>) -> Option<(f64, Point3<f64>)> {
         let k = self.path_length - from_centre;
         let t = (k * k - p.coords.norm_squared()) / (2.0 * (p.coords.dot(d) + k));
         (t > 0.0 && t.is_finite()).then(|| (t, p + d * t))

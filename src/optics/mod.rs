@@ -11,6 +11,7 @@ mod profile;
 mod pupil;
 mod rig;
 mod tolerances;
+mod wishes;
 
 pub use conic::Conic;
 pub use correction::MapCorrection;
@@ -23,3 +24,4 @@ pub use profile::{ProfileError, ProfileMethod, ProfilePoint};
 pub use pupil::{Beam, PupilMap, PupilTerms, disc};
 pub use rig::{Alignment, Arm, Camera, Dome, Mosaic, Mount, Paraboloid, Projector, Rig, RigError, ZoneLimits};
 pub use tolerances::{Coatings, Tolerances};
+pub use wishes::{Free, FreeDome, FreeLens, FreeParaboloid, FreeZone, Limits, Objective, Parameter, SearchTable};

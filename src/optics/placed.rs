@@ -153,7 +153,7 @@ impl PlacedMirrors {
     fn meet_dome(&self, origin: &Point3<f64>, d: &Vector3<f64>) -> Option<(Point3<f64>, Vector3<f64>)> {
         let mut rho = origin.x.hypot(origin.y);
         // As if this ray came from C: exact for a rig without errors, and off by their square for others.
-        let (mut t, _) = self.mirrors.to_dome(origin, (origin - self.mirrors.centre()).norm(), d)?;
+        let (mut t, _) = self.mirrors.dome_along(origin, (origin - self.mirrors.centre()).norm(), d)?;
         for _ in 0..12 {
             let x = origin + d * t;
             let path = ShortestPath::new(&self.mirrors, &x, rho);

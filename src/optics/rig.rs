@@ -5,7 +5,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::{Coatings, Conic, Lens, Mirrors, OpticalMap, Tolerances};
+use super::{Coatings, Conic, Lens, Mirrors, OpticalMap, SearchTable, Tolerances};
 use crate::geometry::{Zone, ZoneError};
 
 /// Version of the rig file this program writes and the newest it reads.
@@ -122,6 +122,9 @@ pub struct Rig {
     /// How well its parts are made and placed.
     #[serde(default, skip_serializing_if = "Tolerances::is_default")]
     pub tolerances: Tolerances,
+    /// What a search for better dimensions starts from; no part of the instrument.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub search: Option<SearchTable>,
 }
 
 /// Limits of the measured zone.
@@ -465,7 +468,8 @@ impl Rig {
             vertex_height_mm: self.paraboloid.vertex_height_mm,
             focal_length_mm: self.paraboloid.focal_length_mm,
         })?;
-        self.check_reach(&zone, &mirrors)
+        self.check_reach(&zone, &mirrors)?;
+        self.search.as_ref().map_or(Ok(()), SearchTable::check)
     }
 
     fn check_reach(&self, zone: &Zone, mirrors: &Mirrors) -> Result<(), RigError> {

@@ -10,6 +10,7 @@ use zonal::report::DesignReport;
 use zonal::store;
 
 use crate::common::{self, Report};
+use crate::design_search;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -18,6 +19,12 @@ pub struct Args {
     /// New or empty folder for the report, the drawing and the profile files.
     #[arg(long)]
     out: Option<PathBuf>,
+    /// Search for better dimensions, from the rig file's table `[search]`; writes the front to `--out`.
+    #[arg(long, requires = "out")]
+    search: bool,
+    /// Random points that the search begins from.
+    #[arg(long, default_value_t = 100, requires = "search", value_parser = clap::value_parser!(u16).range(2..=10_000))]
+    starts: u16,
     /// Measured profile of the dome, CSV with the columns r_mm and z_mm from the axis outwards: what its departure does.
     #[arg(long)]
     profile: Option<PathBuf>,
@@ -45,7 +52,7 @@ pub struct Args {
     /// Rigs drawn at each scale of the tolerances.
     #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u16).range(8..=10_000))]
     draws: u16,
-    /// Seed of the draws.
+    /// Seed of the draws, and of the search's random points.
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Blur of a pupil, degrees, below which chief rays may stand for it.
@@ -67,6 +74,10 @@ const FILES: [(&str, &str); 9] = [
 ];
 
 pub fn run(args: &Args) -> anyhow::Result<Report> {
+    if args.search {
+        let out = args.out.as_deref().expect("clap requires it");
+        return design_search::run(&args.rig, args.seed, args.starts.into(), out);
+    }
     let started = Instant::now();
     let rig = common::rig(&args.rig)?;
     if let Some(out) = &args.out {

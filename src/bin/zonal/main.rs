@@ -10,6 +10,7 @@ mod compare;
 mod convert;
 mod demo;
 mod design;
+mod design_search;
 mod export;
 mod fit;
 mod materials;
