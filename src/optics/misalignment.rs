@@ -245,6 +245,11 @@ impl Misaligned {
         self.centre
     }
 
+    /// Middle and radius of the convex mirror's trimmed edge, mm in the rig frame.
+    pub fn trim(&self) -> (Point3<f64>, f64) {
+        (self.trim, self.radius_mm)
+    }
+
     /// The image of the paraboloid's vertex, about which the zone's image lies.
     pub fn image_centre(&self) -> (f64, f64) {
         let vertex = Point3::new(0.0, 0.0, self.placed.mirrors.convex().vertex_height);

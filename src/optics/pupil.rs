@@ -115,6 +115,8 @@ fn clipped(polygon: &[[f64; 2]], by: &[[f64; 2]]) -> Vec<[f64; 2]> {
 pub struct PupilTerms {
     /// Displacement on the sample's plane, mm per mm.
     pub position: [f64; 2],
+    /// What squares add to the displacement, mm per mm^2: p_r^2 and p_a^2 along the meridian, p_r p_a across it.
+    pub coma: [f64; 3],
     /// Change of the direction at the sample, radians per mm: (of theta, of phi times sin theta).
     pub direction: [f64; 2],
 }
@@ -131,6 +133,8 @@ pub struct PupilMap {
 const ANGLES: usize = 256;
 /// Points of the pupil for differences, mm off its middle.
 const OFF_MM: f64 = 0.05;
+/// The same for second differences.
+const FAR_MM: f64 = 2.0;
 
 impl PupilMap {
     /// Of a device, from image points along its +x axis, for polar angles in [theta_min, theta_max], radians.
@@ -148,11 +152,32 @@ impl PupilMap {
         let (i, t) = (x as usize, x.fract());
         let (a, b) = (&self.terms[i], &self.terms[i + 1]);
         let mix = |a: [f64; 2], b: [f64; 2]| [a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1])];
-        PupilTerms { position: mix(a.position, b.position), direction: mix(a.direction, b.direction) }
+        PupilTerms {
+            position: mix(a.position, b.position),
+            coma: [0, 1, 2].map(|i| a.coma[i] + t * (b.coma[i] - a.coma[i])),
+            direction: mix(a.direction, b.direction),
+        }
     }
 }
 
 impl PupilTerms {
+    /// Displacement on the sample's plane for the point `p` of the pupil, mm: (along the meridian, across it).
+    pub fn displacement(&self, p: [f64; 2]) -> [f64; 2] {
+        let [along, across] = self.squares(p);
+        [self.position[0] * p[0] + along, self.position[1] * p[1] + across]
+    }
+
+    /// The point of the pupil for the displacement `x`, mm: inverse of [`PupilTerms::displacement`] up to squares.
+    pub fn point(&self, x: [f64; 2]) -> [f64; 2] {
+        let linear = [x[0] / self.position[0], x[1] / self.position[1]];
+        let [along, across] = self.squares(linear);
+        [(x[0] - along) / self.position[0], (x[1] - across) / self.position[1]]
+    }
+
+    fn squares(&self, p: [f64; 2]) -> [f64; 2] {
+        [self.coma[0] * p[0] * p[0] + self.coma[1] * p[1] * p[1], self.coma[2] * p[0] * p[1]]
+    }
+
     /// Of the image point in the device's half plane phi = 0 that shows `theta` in the nominal rig; `None` if it misses a mirror.
     pub fn new(device: &Misaligned, theta: f64) -> Option<Self> {
         let (u, v) = device.nominal_image(theta)?;
@@ -160,7 +185,17 @@ impl PupilTerms {
         let (east, west) = (at(OFF_MM, 0.0)?, at(-OFF_MM, 0.0)?);
         let (north, south) = (at(0.0, OFF_MM)?, at(0.0, -OFF_MM)?);
         let per_mm = 0.5 / OFF_MM;
+        let far = |x: f64, y: f64| Some(at(x * FAR_MM, y * FAR_MM)?.position_mm);
+        let middle = far(0.0, 0.0)?[0];
+        let mean = |a: [f64; 2], b: [f64; 2]| (0.5 * (a[0] + b[0]) - middle) / FAR_MM.powi(2);
+        let twist = (far(1.0, 1.0)?[1] - far(1.0, -1.0)?[1]) - (far(-1.0, 1.0)?[1] - far(-1.0, -1.0)?[1]);
+        let coma = [
+            mean(far(1.0, 0.0)?, far(-1.0, 0.0)?),
+            mean(far(0.0, 1.0)?, far(0.0, -1.0)?),
+            0.25 * twist / FAR_MM.powi(2),
+        ];
         Some(Self {
+            coma,
             position: [
                 (east.position_mm[0] - west.position_mm[0]) * per_mm,
                 (north.position_mm[1] - south.position_mm[1]) * per_mm,

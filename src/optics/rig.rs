@@ -543,15 +543,25 @@ mod tests {
 
     const BUILT: &str = include_str!("../../optics/ghosh-2007-built.toml");
     const FULL: &str = include_str!("../../optics/ghosh-2007-full.toml");
+    const SEED_PROJECTOR: &str = include_str!("../../optics/ghosh-2007-seed-projector.toml");
 
     #[test]
-    fn both_thesis_rigs_are_consistent() {
+    fn all_thesis_rigs_are_consistent() {
         let built = Rig::from_toml(BUILT).unwrap();
         assert!((built.camera.lens().focal_px - 5903.0).abs() < 1.0);
         assert!((built.projector.lens().focal_px - 4450.0).abs() < 1.0);
         assert!((built.projector_map().radius_px(57f64.to_radians()).unwrap() - 167.0).abs() < 1.0);
         let full = Rig::from_toml(FULL).unwrap();
         assert!((full.projector_map().radius_px(90f64.to_radians()).unwrap() - 281.0).abs() < 1.0);
+        let seed = Rig::from_toml(SEED_PROJECTOR).unwrap();
+        assert!((seed.projector.lens().focal_px - 1701.0).abs() < 1.0);
+        // Both pupils after the rule of footprints: what a sample may be off in height, mm.
+        let height = |rig: &Rig| (0.0363 * rig.projector.pupil_mm() - 0.0748 * rig.camera.pupil_mm()) / 1.70;
+        assert!((height(&seed) - 0.05).abs() < 1e-3 && (height(&built) - 0.198).abs() < 1e-3);
+        // Nothing but the projector differs.
+        let same =
+            Rig { name: built.name.clone(), source: built.source.clone(), projector: built.projector.clone(), ..seed };
+        assert_eq!(same, built);
     }
 
     #[test]

@@ -2,13 +2,14 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::FiniteOptics;
 use crate::optics::Misalignment;
 
 /// The simulated rig beyond its nominal dimensions.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TwinConfig {
-    /// Which model: `pinhole`.
+    /// Which model: `pinhole` or `finite`.
     pub twin: String,
     /// Seed of all noise.
     pub seed: u64,
@@ -55,6 +56,9 @@ pub struct TwinConfig {
     /// By how much the gray card in place reflects more than its stated albedo, relative.
     #[serde(default)]
     pub card_albedo_error_rel: f64,
+    /// What the pupils of camera and projector do; without it, rays are chief rays.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub finite: Option<FiniteOptics>,
 }
 
 /// The simulated camera beside what the rig file says of it.
@@ -144,7 +148,46 @@ impl TwinConfig {
             crosstalk: identity(),
             sensor: SensorTruth::default(),
             card_albedo_error_rel: 0.0,
+            finite: None,
         }
+    }
+
+    /// The same devices with finite pupils and all they do, 0.2% of stray light, a sample 0.05 mm too high, and camera,
+    /// projector and mirrors as far off as `calibrate align` and careful hands leave them.
+    pub fn finite(seed: u64) -> Self {
+        let pinhole = Self::pinhole(seed);
+        Self {
+            twin: "finite".into(),
+            perturbation: Misalignment {
+                camera_displacement_mm: [0.002, -0.001],
+                camera_turn_deg: [0.001, -0.001],
+                projector_displacement_mm: [-0.015, 0.01],
+                projector_turn_deg: [0.002, 0.001],
+                paraboloid_offset_mm: [0.003, -0.002],
+                dome_offset_mm: [0.005, 0.004],
+                sample_tilt_deg: [0.02, -0.015],
+                sample_height_mm: 0.05,
+                ..pinhole.perturbation
+            },
+            stray_share: 0.002,
+            finite: Some(FiniteOptics::all()),
+            ..pinhole
+        }
+    }
+
+    /// The simulated devices called `name`: `pinhole` or `finite`.
+    pub fn named(name: &str, seed: u64) -> Option<Self> {
+        match name {
+            "pinhole" => Some(Self::pinhole(seed)),
+            "finite" => Some(Self::finite(seed)),
+            _ => None,
+        }
+    }
+
+    /// What is out of place for chief rays: through finite pupils that blur they do not feel the sample's height.
+    pub fn of_chief_rays(&self) -> Misalignment {
+        let m = self.perturbation;
+        if self.finite.is_some_and(|finite| finite.blur) { Misalignment { sample_height_mm: 0.0, ..m } } else { m }
     }
 
     /// The same devices without shot and dark noise.

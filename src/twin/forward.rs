@@ -4,6 +4,7 @@ use std::f64::consts::TAU;
 
 use rayon::prelude::*;
 
+use super::finite::{MARGIN, Pencil, Pupils};
 use super::geometry::InverseMap;
 use crate::geometry::quadrature::tangents;
 use crate::geometry::{Direction, Sample, Zone};
@@ -135,6 +136,26 @@ pub struct ResponseField {
     patterns: usize,
 }
 
+/// What lies between panel and sample.
+#[derive(Clone, Copy)]
+struct Optics<'a> {
+    inverse: &'a InverseMap,
+    pupils: Option<&'a Pupils>,
+}
+
+/// The exitant direction of each node: it differs between points of the camera's pupil.
+type Exitant<'a> = dyn Fn(usize) -> Direction<Sample> + 'a;
+
+/// A node's place in its lattice, its incident direction and solid angle.
+type Placed = (usize, Direction<Sample>, f64);
+
+/// The lit nodes of one exitant direction.
+struct Nodes {
+    nodes: Vec<Node>,
+    /// One for each node; none through pinholes.
+    pencils: Vec<Pencil>,
+}
+
 /// One incident node as seen from phi_o = 0: position on the disc of [`InverseMap`] and f_cos times its solid angle.
 struct Node {
     x: f32,
@@ -157,17 +178,35 @@ impl ResponseField {
     /// The quadrature is a partition of one: a lattice over the dome for what is smooth, and a lattice in logarithmic
     /// polar coordinates about the mirror direction for the lobe. Isotropic materials are evaluated once per ring.
     pub fn new(brdf: &dyn Brdf, light: &PatternLight, inverse: &InverseMap, dome: Zone, accuracy: &Accuracy) -> Self {
+        Self::through(brdf, light, inverse, None, dome, accuracy)
+    }
+
+    /// The same through finite pupils, if there are some: each node of the lattices has a point of the camera's pupil of its
+    /// own, so that one sum runs over directions and over the pupil.
+    pub fn through(
+        brdf: &dyn Brdf,
+        light: &PatternLight,
+        inverse: &InverseMap,
+        pupils: Option<&Pupils>,
+        dome: Zone,
+        accuracy: &Accuracy,
+    ) -> Self {
         let width = lobe_width(brdf);
         let coarse = 3f64.to_radians() / accuracy.rings_per_lobe;
         let fine = (width / accuracy.rings_per_lobe).clamp(0.1f64.to_radians(), coarse);
-        let wider = widened(&dome);
+        let optics = Optics { inverse, pupils };
+        // Chief rays end with the dome; rays of pupils may not where chief rays do.
+        let (wider, lobe_dome) = match pupils {
+            None => (widened(&dome, 1f64.to_radians()), dome),
+            Some(_) => (widened(&dome, MARGIN), widened(&dome, MARGIN)),
+        };
         let blend = Blend { radius: (6.0 * width).clamp(8f64.to_radians(), 25f64.to_radians()) };
         let lobe = LobeLattice { nodes: accuracy.lobe_nodes, core: 0.3 * width, blend };
         let smooth = Grid::new(&dome, coarse, accuracy.sectors, light.patterns);
         let sharp = Grid::new(&dome, fine, accuracy.sectors, light.patterns);
         let parts = [
-            smooth.fill(brdf, &light.coarsened(), inverse, |wo| dome_lattice(&wider, accuracy.dome_nodes, wo, blend)),
-            sharp.fill(brdf, light, inverse, |wo| lobe.nodes(&dome, wo)),
+            smooth.fill(brdf, &light.coarsened(), optics, |wo| dome_lattice(&wider, accuracy.dome_nodes, wo, blend)),
+            sharp.fill(brdf, light, optics, |wo| lobe.nodes(&lobe_dome, wo)),
         ];
         Self { parts, patterns: light.patterns }
     }
@@ -199,30 +238,38 @@ impl Grid {
         mut self,
         brdf: &dyn Brdf,
         light: &PatternLight,
-        inverse: &InverseMap,
-        nodes: impl Fn(&Direction<Sample>) -> Vec<(Direction<Sample>, f64)> + Sync,
+        optics: Optics<'_>,
+        nodes: impl Fn(&Exitant<'_>) -> Vec<Placed> + Sync,
     ) -> Self {
         let (sectors, theta0, step) = (self.sectors, self.theta0, self.ring_step);
         let row = 3 * light.patterns;
-        let evaluate = |wo: &Direction<Sample>| -> Vec<Node> {
-            let mut nodes: Vec<Node> =
-                nodes(wo).into_iter().map(|(wi, w)| Node::new(&wi, brdf.eval_cos(&wi, wo).map(|f| f * w))).collect();
+        let evaluate = |wo: &Direction<Sample>| -> Nodes {
+            let exitant = |i: usize| optics.pupils.map_or(*wo, |p| p.exitant(wo, p.camera_point(i)));
+            let found = nodes(&exitant).into_iter().filter_map(|(i, wi, w)| {
+                let pencil = match optics.pupils {
+                    Some(pupils) => Some(pupils.pencil(i, wo, &wi)?),
+                    None => None,
+                };
+                Some((Node::new(&wi, brdf.eval_cos(&wi, &exitant(i)).map(|f| f * w)), pencil))
+            });
+            let mut found: Vec<(Node, Option<Pencil>)> = found.collect();
             // Neighbours in memory for neighbours on the panel: a lattice's own order jumps about.
-            nodes.sort_unstable_by_key(Node::tile);
-            nodes
+            found.sort_unstable_by_key(|(node, _)| node.tile());
+            let (nodes, pencils): (_, Vec<_>) = found.into_iter().unzip();
+            Nodes { nodes, pencils: pencils.into_iter().flatten().collect() }
         };
         self.values.par_chunks_mut(sectors * row).enumerate().for_each(|(ring, out)| {
             let theta_o = theta0 + ring as f64 * step;
             let shared = brdf.is_isotropic().then(|| evaluate(&Direction::from_angles(theta_o, 0.0)));
             out.par_chunks_mut(row).enumerate().for_each_init(Vec::new, |visits, (sector, out)| {
-                let phi_o = sector as f64 * TAU / sectors as f64;
+                let wo = Direction::from_angles(theta_o, sector as f64 * TAU / sectors as f64);
                 match &shared {
-                    Some(nodes) => accumulate(nodes, phi_o, light, inverse, visits, out),
-                    None => {
-                        let nodes = evaluate(&Direction::from_angles(theta_o, phi_o));
-                        accumulate(&nodes, 0.0, light, inverse, visits, out);
+                    Some(nodes) => {
+                        visit(nodes, sector as f64 * TAU / sectors as f64, &wo, light, optics, visits);
                     }
+                    None => visit(&evaluate(&wo), 0.0, &wo, light, optics, visits),
                 }
+                accumulate(visits, light, out);
             });
         });
         self
@@ -258,30 +305,43 @@ impl Node {
 /// A lit node: the projector pixel that lights it, and its weight in each channel.
 type Visit = (u32, [f32; 3]);
 
-/// Adds up the patterns' light over the nodes, turned by `phi_o`: `out[channel][pattern]`.
-fn accumulate(
-    nodes: &[Node],
+/// Collects what is lit of the nodes of `wo`, turned by `phi_o`.
+fn visit(
+    nodes: &Nodes,
     phi_o: f64,
+    wo: &Direction<Sample>,
     light: &PatternLight,
-    inverse: &InverseMap,
+    optics: Optics<'_>,
     visits: &mut Vec<Visit>,
-    out: &mut [f32],
 ) {
+    let Optics { inverse, pupils } = optics;
     let (sin, cos) = (phi_o.sin() as f32, phi_o.cos() as f32);
+    let turn = pupils.map(|p| (p, p.turn(wo, phi_o)));
+    // Rays of pencils meet the convex mirror's edge each for itself.
+    let edge_of_chief_rays = !pupils.is_some_and(Pupils::vignettes);
     visits.clear();
-    visits.reserve(nodes.len());
-    for node in nodes {
-        let (x, y) = (cos * node.x - sin * node.y, sin * node.x + cos * node.y);
+    visits.reserve(nodes.nodes.len());
+    for (i, node) in nodes.nodes.iter().enumerate() {
+        let (mut x, mut y) = (node.x, node.y);
+        if let Some((pupils, turn)) = &turn {
+            let Some(chief) = nodes.pencils[i].chief(x, y, turn, pupils) else { continue };
+            (x, y) = chief;
+        }
+        let (x, y) = (cos * x - sin * y, sin * x + cos * y);
         let (u, v) = inverse.pixel(x, y);
         if let Some(pixel) = light.pixel(u, v)
-            && !inverse.shadowed(x, y)
+            && !(edge_of_chief_rays && inverse.shadowed(x, y))
         {
             visits.push((pixel, node.weight));
         }
     }
+}
+
+/// Adds up the patterns' light over lit nodes: `out[channel][pattern]`.
+fn accumulate(visits: &[Visit], light: &PatternLight, out: &mut [f32]) {
     for (block, pixels) in light.blocks.iter().enumerate() {
         let mut sums = [[0.0f32; BLOCK]; 3];
-        for (pixel, weight) in visits.iter() {
+        for (pixel, weight) in visits {
             let row = &pixels[*pixel as usize];
             for (sums, weight) in sums.iter_mut().zip(weight) {
                 for (sum, light) in sums.iter_mut().zip(row) {
@@ -316,21 +376,20 @@ impl Blend {
     }
 }
 
-/// The dome and a degree beyond, where nothing is lit: means over pixels at the zone's edge reach out there.
-fn widened(dome: &Zone) -> Zone {
-    let margin = 1f64.to_radians();
+/// The dome and what lies beyond it by `margin`, where nothing is lit: means over pixels at the zone's edge reach out there.
+fn widened(dome: &Zone, margin: f64) -> Zone {
     Zone::new((dome.theta_min() - margin).max(0.0), dome.theta_max() + margin).expect("wider than a zone")
 }
 
 /// A Fibonacci lattice, uniform over the dome's solid angle, for all but the lobe's share.
-fn dome_lattice(dome: &Zone, n: usize, wo: &Direction<Sample>, blend: Blend) -> Vec<(Direction<Sample>, f64)> {
-    let mirror = wo.mirrored();
+fn dome_lattice(dome: &Zone, n: usize, wo: &Exitant<'_>, blend: Blend) -> Vec<Placed> {
     let weight = dome.solid_angle() / n as f64;
     lattice(n)
-        .filter_map(|(x, y)| {
+        .enumerate()
+        .filter_map(|(i, (x, y))| {
             let wi = Direction::from_mu_phi(dome.cos_min() + (dome.cos_max() - dome.cos_min()) * x, y * TAU);
-            let share = 1.0 - blend.lobe(angle(&wi, &mirror));
-            (share > 0.0).then_some((wi, weight * share))
+            let share = 1.0 - blend.lobe(angle(&wi, &wo(i).mirrored()));
+            (share > 0.0).then_some((i, wi, weight * share))
         })
         .collect()
 }
@@ -345,12 +404,13 @@ struct LobeLattice {
 
 impl LobeLattice {
     /// A lattice about the mirror direction, spaced in proportion to core + chi; what misses the dome is left out.
-    fn nodes(&self, dome: &Zone, wo: &Direction<Sample>) -> Vec<(Direction<Sample>, f64)> {
-        let mirror = wo.mirrored().vector();
-        let (t, b) = tangents(&mirror);
+    fn nodes(&self, dome: &Zone, wo: &Exitant<'_>) -> Vec<Placed> {
         let stretch = (1.0 + self.blend.radius / self.core).ln();
         lattice(self.nodes)
-            .filter_map(|(x, y)| {
+            .enumerate()
+            .filter_map(|(i, (x, y))| {
+                let mirror = wo(i).mirrored().vector();
+                let (t, b) = tangents(&mirror);
                 let grown = self.core * (x * stretch).exp();
                 let chi = grown - self.core;
                 let weight = chi.sin() * grown * stretch * TAU / self.nodes as f64 * self.blend.lobe(chi);
@@ -358,7 +418,7 @@ impl LobeLattice {
                 let v = mirror * chi.cos() + (t * cos_zeta + b * sin_zeta) * chi.sin();
                 let wi = Direction::new(v);
                 let inside = wi.cos_theta() <= dome.cos_min() && wi.cos_theta() >= dome.cos_max();
-                inside.then_some((wi, weight))
+                inside.then_some((i, wi, weight))
             })
             .collect()
     }
@@ -388,8 +448,8 @@ mod tests {
             let wo = Direction::from_angles(theta.to_radians(), 0.3);
             let blend = Blend { radius: 0.2 };
             let lobe = LobeLattice { nodes: 4181, core: 0.003, blend };
-            let nodes = dome_lattice(&dome, 10946, &wo, blend).into_iter().chain(lobe.nodes(&dome, &wo));
-            let got: f64 = nodes.map(|(wi, w)| w * wi.cos_theta()).sum();
+            let nodes = dome_lattice(&dome, 10946, &|_| wo, blend).into_iter().chain(lobe.nodes(&dome, &|_| wo));
+            let got: f64 = nodes.map(|(_, wi, w)| w * wi.cos_theta()).sum();
             // The lobe's lattice is cut by the dome's edge: of first order there, some 1e-4 of all.
             assert!((got / dome.projected_solid_angle() - 1.0).abs() < 5e-4, "{theta}: {got}");
         }

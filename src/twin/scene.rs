@@ -6,11 +6,11 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::TwinConfig;
 use super::forward::{Accuracy, PatternLight, ResponseField};
 use super::geometry::InverseMap;
 use super::sensor::Sensor;
 use super::targets::{Target, View};
+use super::{Pupils, TwinConfig};
 use crate::calibrate::GRAY_CARD_ALBEDO;
 use crate::capture::Placement;
 use crate::geometry::{Direction, Sample, Zone};
@@ -44,8 +44,11 @@ pub(super) struct Scene {
     camera: Misaligned,
     projector: Misaligned,
     inverse: InverseMap,
-    /// Directions of the samples of each pixel that sees the dome: (sensor index, directions).
-    pixels: Vec<(usize, Vec<Direction<Sample>>)>,
+    /// Where rays are not chief rays alone.
+    pupils: Option<Pupils>,
+    /// Directions of the samples of each pixel that sees the dome, and the share of their pencils that is not cut: (sensor
+    /// index, samples).
+    pixels: Vec<(usize, Vec<(Direction<Sample>, f64)>)>,
     dome: Zone,
     /// What is in place instead of a sample, once it has been looked at.
     target: Option<Target>,
@@ -63,15 +66,22 @@ pub(super) struct Scene {
 
 impl Scene {
     pub fn new(rig: &Rig, config: TwinConfig, sample: Arc<dyn Brdf>, accuracy: Accuracy) -> Self {
-        let camera = Misaligned::new(rig, &config.perturbation, Device::Camera);
-        let projector = Misaligned::new(rig, &config.perturbation, Device::Projector);
+        let perturbation = config.of_chief_rays();
+        let camera = Misaligned::new(rig, &perturbation, Device::Camera);
+        let projector = Misaligned::new(rig, &perturbation, Device::Projector);
         let theta_max = rig.dome.theta_max_deg.to_radians();
         let shadow = rig.mirrors().shadow(rig.paraboloid_radius_mm());
         let dome = Zone::new(shadow, theta_max).expect("a checked rig reaches beyond its shadow");
         let inverse = InverseMap::new(&projector, theta_max);
+        let pupils = Pupils::new(rig, &config);
         let width = rig.camera.width_px;
         let (centre_u, centre_v) = camera.image_centre();
         let edge_px = rig.camera_map().radius_px(theta_max).unwrap_or(f64::INFINITY) + 3.0;
+        let vignettes = pupils.as_ref().filter(|pupils| pupils.vignettes());
+        let seen = |u: f64, v: f64| match vignettes {
+            None => camera.direction(u, v).map(|d| (d, 1.0)),
+            Some(pupils) => camera.direction_beyond(u, v).map(|d| (d, pupils.transmitted(&d))),
+        };
         let pixels = (0..width * rig.camera.height_px)
             .into_par_iter()
             .filter_map(|i| {
@@ -81,8 +91,8 @@ impl Scene {
                 }
                 let at = |j: usize| (j as f64 + 0.5) / PIXEL_SAMPLES as f64;
                 let directions: Vec<_> = (0..PIXEL_SAMPLES * PIXEL_SAMPLES)
-                    .filter_map(|j| camera.direction(u + at(j % PIXEL_SAMPLES), v + at(j / PIXEL_SAMPLES)))
-                    .filter(|d| d.theta() >= shadow && d.cos_theta() > 0.0)
+                    .filter_map(|j| seen(u + at(j % PIXEL_SAMPLES), v + at(j / PIXEL_SAMPLES)))
+                    .filter(|(d, share)| d.theta() >= shadow && d.cos_theta() > 0.0 && *share > 0.0)
                     .collect();
                 (!directions.is_empty()).then_some((i, directions))
             })
@@ -106,6 +116,7 @@ impl Scene {
             camera,
             projector,
             inverse,
+            pupils,
             pixels,
             dome,
             target: None,
@@ -323,7 +334,8 @@ impl Scene {
         let frames: Vec<&Pattern> = new.iter().copied().chain(&black).collect();
         let brdf = if self.placement == Placement::GrayCard { &self.card } else { &self.sample };
         let light = self.pattern_light(&frames);
-        let field = ResponseField::new(brdf.as_ref(), &light, &self.inverse, self.dome, &self.accuracy);
+        let pupils = self.pupils.as_ref();
+        let field = ResponseField::through(brdf.as_ref(), &light, &self.inverse, pupils, self.dome, &self.accuracy);
         let lamp = self.lamp_e_s() / (PIXEL_SAMPLES * PIXEL_SAMPLES) as f64;
         let width = self.rig.camera.width_px;
         let patterns = new.len();
@@ -335,11 +347,11 @@ impl Scene {
             let (column, line) = (i % width, i / width);
             let channels = self.rig.camera.mosaic.channels(column, line);
             let falloff = self.natural_falloff(self.camera.lens(), column, line);
-            for wo in directions {
+            for (wo, seen) in directions {
                 for &c in channels {
                     let gain = self.config.channel_gains[c] / channels.len() as f64;
                     for (p, share) in self.config.crosstalk[c].iter().enumerate().filter(|(_, share)| **share != 0.0) {
-                        let scale = lamp * falloff * gain * share;
+                        let scale = lamp * falloff * gain * share * seen;
                         lit.fill(0.0);
                         field.add_radiance(wo, p, scale, &mut lit);
                         let lights = new.iter().map(|pattern| pattern.light.lights(p));

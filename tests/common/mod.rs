@@ -9,7 +9,9 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use zonal::basis::{Harmonics, index, lm, size};
-use zonal::calibrate::{CalibrationSet, gray_card_coefficients};
+use zonal::calibrate::{
+    CalibrationSet, Known, Reference, black_trap, gray_card, gray_card_coefficients, gray_card_plan,
+};
 use zonal::capture::{Bench, Control, RunFolder};
 use zonal::fit::{Fineness, Forward, Observations};
 use zonal::forecast::FitAdviser;
@@ -31,6 +33,17 @@ pub fn rig(name: &str) -> Rig {
 pub fn calibrated(rig: &Rig, config: &TwinConfig) -> CalibrationSet {
     let mut bench = TwinBench::new(rig, config.clone(), open("gray-card").unwrap());
     CalibrationSet::make(rig, &mut bench, None, &mut |_, _| ()).unwrap()
+}
+
+/// The same with what a black trap tells of the stray light of a plan.
+pub fn with_black_trap(rig: &Rig, config: &TwinConfig, set: CalibrationSet, plan: &Plan) -> CalibrationSet {
+    let mut bench = TwinBench::new(rig, config.clone(), open("gray-card").unwrap());
+    let known = Known { response: &set.response, flat: &set.flat, sensor: None, trap: None, map: set.map.as_ref() };
+    let trap = black_trap(rig, &mut bench, plan, known, &mut |_, _| ()).unwrap();
+    let known = Known { trap: Some(&trap), ..known };
+    let card = Plan { exitant: plan.exitant, ..gray_card_plan(rig) };
+    let (scale, check) = gray_card(rig, &mut bench, &card, known, &Reference::default(), &mut |_, _| ()).unwrap();
+    CalibrationSet { scale, check, black_trap: Some(trap), ..set }
 }
 
 pub fn run(

@@ -69,6 +69,9 @@ pub struct Args {
     /// Calibrate the simulated rig.
     #[arg(long)]
     simulate: bool,
+    /// Simulated rig: pinhole or finite, as for `zonal measure`.
+    #[arg(long, value_name = "NAME", default_value = "pinhole")]
+    twin: String,
     /// Seed of the simulated noise.
     #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
     seed: u64,
@@ -174,7 +177,8 @@ impl<'a> Job<'a> {
     }
 
     fn bench(&self) -> anyhow::Result<TwinBench> {
-        let config = common::for_calibration(&common::twin(self.args.seed, self.args.misalign.as_deref())?);
+        let twin = common::twin(&self.args.twin, self.args.seed, self.args.misalign.as_deref())?;
+        let config = common::for_calibration(&twin);
         Ok(common::bench(&self.rig, &config, zonal::reflectance::open("gray-card")?))
     }
 

@@ -167,9 +167,11 @@ pub fn calibration(
     Ok(CalibrationSet::make(rig, &mut bench, None, &mut frames_bar("calibrate"))?.made(rig, &origin))
 }
 
-/// The simulated rig, with what a file says is out of place.
-pub fn twin(seed: u64, misalign: Option<&Path>) -> anyhow::Result<TwinConfig> {
-    let mut config = TwinConfig::pinhole(seed);
+/// The simulated rig of a name, with what a file says is out of place.
+pub fn twin(name: &str, seed: u64, misalign: Option<&Path>) -> anyhow::Result<TwinConfig> {
+    let Some(mut config) = TwinConfig::named(name, seed) else {
+        return Err(BadUsage(format!("--twin {name} is no simulated rig: choose pinhole or finite")).into());
+    };
     if let Some(path) = misalign {
         config.perturbation = store::read_json(path)?;
     }

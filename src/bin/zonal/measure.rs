@@ -32,6 +32,10 @@ pub struct Args {
     /// Measure this material on the simulated rig: a .bsdf, .binary or .dat file, or a name of `zonal materials`.
     #[arg(long, value_name = "MATERIAL")]
     pub simulate: Option<String>,
+    /// Simulated rig: pinhole (chief rays), or finite (pupils with footprints, blur and vignetting, stray light, a sample
+    /// 0.05 mm too high).
+    #[arg(long, value_name = "NAME", default_value = "pinhole")]
+    twin: String,
     /// Seed of the simulated noise.
     #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
     pub seed: u64,
@@ -152,7 +156,7 @@ pub struct Session<'a> {
 impl Session<'_> {
     /// The simulated devices of a seed.
     pub fn config(&self, seed: u64) -> anyhow::Result<TwinConfig> {
-        let config = common::twin(seed, self.args.misalign.as_deref())?;
+        let config = common::twin(&self.args.twin, seed, self.args.misalign.as_deref())?;
         Ok(if self.args.noiseless { config.noiseless() } else { config })
     }
 
