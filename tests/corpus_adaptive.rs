@@ -11,7 +11,7 @@ use zonal::patterns::Adaptive;
 use zonal::reflectance::Metric;
 
 /// Every so many of the 29 materials.
-const EVERY: usize = 3;
+const EVERY: usize = 4;
 /// Orders an adaptive run stops at.
 const ORDERS: [usize; 4] = [2, 4, 6, 8];
 /// Of a direction, over z_00: what mixtures under the default bracket have.

@@ -67,7 +67,8 @@ impl OpticsReport {
             .enumerate()
             .map(|(i, h)| {
                 let points = h.errors.iter().map(|e| (e.height_mm, e.total_rel)).collect();
-                Series::new(format!("{} on {}", h.material, h.rig), points, Mark::Both, first + i)
+                // There are six colours, and black.
+                Series::new(format!("{} on {}", h.material, h.rig), points, Mark::Both, (first + i) % 7)
             })
             .collect();
         let steps = |r: &ProfileRow| r.steps as f64;
