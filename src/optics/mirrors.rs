@@ -108,7 +108,7 @@ impl Mirrors {
     }
 
     /// Distance along `d` to the dome, and the point: t = (k^2 - |w|^2) / (2 (w.d + k)) with w = P - S and k = K - |P-C|; D = P + t d.
-    pub(super) fn to_dome(&self, p: &Point3<f64>, from_centre: f64, d: &Vector3<f64>) -> Option<(f64, Point3<f64>)> {
+    pub(super) fn to_dome(self, p: &Point3<f64>, from_centre: f64, d: &Vector3<f64>) -> Option<(f64, Point3<f64>)> {
         let k = self.path_length - from_centre;
         let t = (k * k - p.coords.norm_squared()) / (2.0 * (p.coords.dot(d) + k));
         (t > 0.0 && t.is_finite()).then(|| (t, p + d * t))
