@@ -28,7 +28,9 @@ fn the_thesis_dome_comes_out_with_its_dimensions_and_files() {
     let angles = json["angles"].as_array().unwrap();
     let at_57 = angles.iter().find(|a| a["theta_deg"] == 57.0).unwrap();
     assert!((at_57["draft_deg"].as_f64().unwrap() - 8.1).abs() < 0.2);
-    for key in ["theta_min_deg", "theta_max_deg", "height_mm", "draft_deg", "footprint_margin_mm", "footprint_up_to_deg"] {
+    for key in
+        ["theta_min_deg", "theta_max_deg", "height_mm", "draft_deg", "footprint_margin_mm", "footprint_up_to_deg"]
+    {
         number(key);
     }
     let binds: Vec<_> = json["limits"].as_array().unwrap().iter().filter(|l| l["binds"] == true).collect();

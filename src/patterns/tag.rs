@@ -147,11 +147,9 @@ mod tests {
 
     #[test]
     fn the_patch_lies_outside_of_all_that_the_mirrors_send_and_codes_are_equally_bright() {
-        for text in [
-            include_str!("../../optics/ghosh-2007-built.toml"),
-            include_str!("../../optics/ghosh-2007-full.toml"),
-            include_str!("../../optics/ghosh-2007-seed-projector.toml"),
-        ] {
+        for text in
+            [include_str!("../../optics/ghosh-2007-built.toml"), include_str!("../../optics/ghosh-2007-full.toml")]
+        {
             let rig = Rig::from_toml(text).unwrap();
             let layout = TagLayout::of(&rig).unwrap();
             assert_eq!(layout.bits().len(), 6);

@@ -21,6 +21,9 @@ use crate::reflectance::{Brdf, Lambert};
 /// Pixels are integrated over this many samples along each side.
 const PIXEL_SAMPLES: usize = 2;
 
+/// An exitant direction, and the share of the camera's pencil for it that is not cut.
+type Seen = (Direction<Sample>, f64);
+
 /// Hash of the codes that reach the dome, and of their colour.
 type Content = u64;
 
@@ -46,9 +49,8 @@ pub(super) struct Scene {
     inverse: InverseMap,
     /// Where rays are not chief rays alone.
     pupils: Option<Pupils>,
-    /// Directions of the samples of each pixel that sees the dome, and the share of their pencils that is not cut: (sensor
-    /// index, samples).
-    pixels: Vec<(usize, Vec<(Direction<Sample>, f64)>)>,
+    /// What each pixel that sees the dome sees of it: (sensor index, samples).
+    pixels: Vec<(usize, Vec<Seen>)>,
     dome: Zone,
     /// What is in place instead of a sample, once it has been looked at.
     target: Option<Target>,
