@@ -441,6 +441,9 @@ impl Rig {
         ] {
             within(key, value as f64, 16.0, 16384.0, "16..=16384 pixels")?;
         }
+        for (key, value) in [("camera.f_number", c.f_number), ("projector.f_number", p.f_number)] {
+            within(key, value, 0.5, 1e3, "0.5..=1000: no lens in air is faster")?;
+        }
         within("camera.focus_mm", c.focus_mm, c.focal_length_mm * 1.001, 1e9, "farther than the focal length")?;
         within("projector.focus_mm", p.focus_mm, p.focal_length_mm * 1.001, 1e9, "farther than the focal length")?;
         if let Some(mount) = &self.mount {
