@@ -1,7 +1,7 @@
 //! Many rays side by side: the same steps as for one, without branches, so that vectors of rays take them together.
 
 use nalgebra::{Matrix3, Point3, Vector3};
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use super::placed::{CONVERGED_MM, PlacedMirrors};
@@ -33,16 +33,22 @@ pub struct Leaving {
     pub out: [f64; 3],
 }
 
+/// Of a ray that misses a mirror.
+const NOWHERE: Leaving = Leaving { rho: f64::NAN, dome: [f64::NAN; 3], out: [f64::NAN; 3] };
+
 impl PlacedMirrors {
-    /// [`PlacedMirrors::trace`] for many rays, on all cores; in the order of the rays, whatever the number of cores.
-    pub fn trace_many(&self, rays: &[Ray]) -> Vec<Leaving> {
-        let mut out = vec![Leaving { rho: f64::NAN, dome: [f64::NAN; 3], out: [f64::NAN; 3] }; rays.len()];
+    /// [`PlacedMirrors::trace`] for many rays, on all cores, into `out`: in the order of the rays, whatever the number of cores.
+    ///
+    /// # Panics
+    /// If `out` is not as long as `rays`.
+    pub fn trace_many_into(&self, rays: &[Ray], out: &mut [Leaving]) {
+        assert_eq!(rays.len(), out.len(), "a place for each ray");
         let constants = Constants::new(self);
         let arch = Arch::new();
         out.par_chunks_mut(SHARE).zip(rays.par_chunks(SHARE)).for_each(|(out, rays)| {
             for (out, rays) in out.chunks_mut(BLOCK).zip(rays.chunks(BLOCK)) {
                 let mut block = Block::new(rays);
-                arch.dispatch(|| block.follow(&constants));
+                arch.dispatch(Following { block: &mut block, constants: &constants });
                 for (i, (out, ray)) in out.iter_mut().zip(rays).enumerate() {
                     *out = if self.figure.is_none() && block.last_step[i] < CONVERGED_MM {
                         block.leaving(i)
@@ -52,16 +58,18 @@ impl PlacedMirrors {
                 }
             }
         });
+    }
+
+    /// [`PlacedMirrors::trace_many_into`] a new list.
+    pub fn trace_many(&self, rays: &[Ray]) -> Vec<Leaving> {
+        let mut out = vec![NOWHERE; rays.len()];
+        self.trace_many_into(rays, &mut out);
         out
     }
 
     fn leaving(&self, ray: &Ray) -> Leaving {
         let traced = self.trace(&Point3::from(ray.origin), &Vector3::from(ray.direction));
-        traced.map_or(Leaving { rho: f64::NAN, dome: [f64::NAN; 3], out: [f64::NAN; 3] }, |t| Leaving {
-            rho: t.rho,
-            dome: t.dome.into(),
-            out: t.out.into(),
-        })
+        traced.map_or(NOWHERE, |t| Leaving { rho: t.rho, dome: t.dome.into(), out: t.out.into() })
     }
 }
 
@@ -124,48 +132,138 @@ impl Block {
 
     #[inline(always)]
     fn follow(&mut self, c: &Constants) {
-        let ([px, py, pz], [dx, dy, dz]) = (&mut self.p, &mut self.d);
-        for i in 0..BLOCK {
-            let ray = follow(c, [px[i], py[i], pz[i]], [dx[i], dy[i], dz[i]]);
-            ([px[i], py[i], pz[i]], [dx[i], dy[i], dz[i]]) = (ray.dome, ray.out);
-            (self.rho[i], self.last_step[i]) = (ray.rho, ray.last_step);
+        for first in (0..BLOCK).step_by(LANES) {
+            let at = |column: &Column| Lanes::each(|i| column[first + i]);
+            let ray = follow(c, self.p.each_ref().map(at), self.d.each_ref().map(at));
+            let put = |column: &mut Column, x: Lanes| column[first..first + LANES].copy_from_slice(&x.0);
+            for axis in 0..3 {
+                put(&mut self.p[axis], ray.dome[axis]);
+                put(&mut self.d[axis], ray.out[axis]);
+            }
+            put(&mut self.rho, ray.rho);
+            put(&mut self.last_step, ray.last_step);
         }
     }
 }
 
+/// Rays that one instruction takes together.
+const LANES: usize = 8;
+
+/// Numbers side by side: what is done to one is done to all.
+#[derive(Clone, Copy)]
+struct Lanes([f64; LANES]);
+
+impl Lanes {
+    #[inline(always)]
+    fn all(x: f64) -> Self {
+        Self([x; LANES])
+    }
+
+    #[inline(always)]
+    fn each(f: impl Fn(usize) -> f64) -> Self {
+        Self(std::array::from_fn(f))
+    }
+
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self::each(|i| self.0[i].sqrt())
+    }
+
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self::each(|i| self.0[i].abs())
+    }
+}
+
+macro_rules! operator {
+    ($name:ident, $function:ident, $operator:tt) => {
+        impl std::ops::$name for Lanes {
+            type Output = Self;
+            #[inline(always)]
+            fn $function(self, other: Self) -> Self {
+                Self::each(|i| self.0[i] $operator other.0[i])
+            }
+        }
+
+        impl std::ops::$name<Lanes> for f64 {
+            type Output = Lanes;
+            #[inline(always)]
+            fn $function(self, other: Lanes) -> Lanes {
+                Lanes::each(|i| self $operator other.0[i])
+            }
+        }
+
+        impl std::ops::$name<f64> for Lanes {
+            type Output = Self;
+            #[inline(always)]
+            fn $function(self, other: f64) -> Self {
+                Self::each(|i| self.0[i] $operator other)
+            }
+        }
+    };
+}
+
+operator!(Add, add, +);
+operator!(Sub, sub, -);
+operator!(Mul, mul, *);
+operator!(Div, div, /);
+
+impl std::ops::Neg for Lanes {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self::each(|i| -self.0[i])
+    }
+}
+
+/// A block on its way, for the widest vectors the processor has.
+struct Following<'a> {
+    block: &'a mut Block,
+    constants: &'a Constants,
+}
+
+impl WithSimd for Following<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        self.block.follow(self.constants);
+    }
+}
+
 struct Followed {
-    dome: [f64; 3],
-    out: [f64; 3],
-    rho: f64,
-    last_step: f64,
+    dome: [Lanes; 3],
+    out: [Lanes; 3],
+    rho: Lanes,
+    last_step: Lanes,
 }
 
 #[inline(always)]
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+fn dot(a: [Lanes; 3], b: [Lanes; 3]) -> Lanes {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// m v, or its transpose.
 #[inline(always)]
-fn turned(m: &Matrix3<f64>, v: [f64; 3], back: bool) -> [f64; 3] {
+fn turned(m: &Matrix3<f64>, v: [Lanes; 3], back: bool) -> [Lanes; 3] {
     let e = |i: usize, j: usize| if back { m[(j, i)] } else { m[(i, j)] };
     let row = |i: usize| e(i, 0) * v[0] + e(i, 1) * v[1] + e(i, 2) * v[2];
     [row(0), row(1), row(2)]
 }
 
 #[inline(always)]
-fn less(a: [f64; 3], b: &Vector3<f64>) -> [f64; 3] {
+fn less(a: [Lanes; 3], b: &Vector3<f64>) -> [Lanes; 3] {
     [a[0] - b.x, a[1] - b.y, a[2] - b.z]
 }
 
 #[inline(always)]
-fn along(p: [f64; 3], d: [f64; 3], t: f64) -> [f64; 3] {
+fn along(p: [Lanes; 3], d: [Lanes; 3], t: Lanes) -> [Lanes; 3] {
     [p[0] + t * d[0], p[1] + t * d[1], p[2] + t * d[2]]
 }
 
 /// The steps of [`PlacedMirrors::trace`] without branches: what went wrong shows in `last_step`, NaN included.
 #[inline(always)]
-fn follow(c: &Constants, origin: [f64; 3], direction: [f64; 3]) -> Followed {
+fn follow(c: &Constants, origin: [Lanes; 3], direction: [Lanes; 3]) -> Followed {
     // The convex mirror, in its own frame: see `Conic::hit`. The way begins above its vertex, so the root of less
     // cancellation is the near one.
     let o = turned(&c.convex.0, less(origin, &c.convex.1), false);
@@ -174,10 +272,13 @@ fn follow(c: &Constants, origin: [f64; 3], direction: [f64; 3]) -> Followed {
     let a = e[0] * e[0] + e[1] * e[1] + c.k * dq * dq;
     let b = o[0] * e[0] + o[1] * e[1] - c.radius * dq + c.k * q * dq;
     let cc = o[0] * o[0] + o[1] * o[1] - 2.0 * c.radius * q + c.k * q * q;
-    let w = -(b + (b * b - a * cc).sqrt().copysign(b));
+    let root = (b * b - a * cc).sqrt();
+    let w = Lanes::each(|i| -(b.0[i] + root.0[i].copysign(b.0[i])));
     let (t0, t1) = (cc / w, w / a);
-    let valid = |t: f64| if t > 0.0 && q + t * dq > -1e-9 { t } else { f64::INFINITY };
-    let t = valid(t0).min(valid(t1));
+    let t = Lanes::each(|i| {
+        let valid = |t: f64| if t > 0.0 && q.0[i] + t * dq.0[i] > -1e-9 { t } else { f64::INFINITY };
+        valid(t0.0[i]).min(valid(t1.0[i]))
+    });
     let p = along(o, e, t);
     let n = [p[0], p[1], c.radius - c.k * (c.vertex - p[2])];
     let turn = -2.0 * dot(e, n) / dot(n, n);
@@ -192,8 +293,8 @@ fn follow(c: &Constants, origin: [f64; 3], direction: [f64; 3]) -> Followed {
     let from_centre = (o[0] * o[0] + o[1] * o[1] + (o[2] - c.centre) * (o[2] - c.centre)).sqrt();
     let left = c.length - from_centre;
     let mut t = (left * left - dot(o, o)) / (2.0 * (dot(o, d) + left));
-    let mut gradient = [0.0; 3];
-    let mut last_step = 0.0;
+    let mut gradient = [Lanes::all(0.0); 3];
+    let mut last_step = Lanes::all(0.0);
     for _ in 0..STEPS {
         let x = along(o, d, t);
         let r2 = x[0] * x[0] + x[1] * x[1];
