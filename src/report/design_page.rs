@@ -1,5 +1,8 @@
 //! The page of a dome's design: what it will measure, what ends its zone, what its tolerances cost.
 
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+
 use super::axis::Axis;
 use super::chart::{Chart, Mark, Series};
 use super::html::{document, heading, number_cells, provenance, table_head};
@@ -87,7 +90,7 @@ impl DesignReport {
         let s = &self.survey;
         let body = self.summary()
             + &heading("Section")
-            + &self.drawing
+            + &self.section()
             + &self.files()
             + &heading("What ends the zone")
             + &self.limits()
@@ -138,6 +141,15 @@ impl DesignReport {
             )
         };
         format!("<p class=\"summary\">{condition}.</p>\n<dl class=\"facts\">\n{}</dl>\n", tiles.concat())
+    }
+
+    /// The drawing as an image of its own: its styles are not those of the page.
+    fn section(&self) -> String {
+        let data = STANDARD.encode(&self.drawing);
+        format!(
+            "<figure><img alt=\"Meridian section of dome, convex mirror and sample\" style=\"width:100%\" \
+             src=\"data:image/svg+xml;base64,{data}\" /></figure>\n"
+        )
     }
 
     fn files(&self) -> String {
