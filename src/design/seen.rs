@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use nalgebra::Vector3;
 
 use crate::geometry::{Direction, Sample};
-use crate::optics::{Device, Misaligned, Misalignment, PupilMap, Rig, disc};
+use crate::optics::{Device, Misaligned, Misalignment, PupilMap, Rig, cubic, disc};
 use crate::reflectance::{Brdf, Towards};
 
 /// Polar angles and azimuths of the table.
@@ -53,7 +53,7 @@ impl Shift {
         let x = ((nominal.theta() - self.theta_min) / self.step).clamp(0.0, (RINGS - 1) as f64);
         let y = nominal.phi().rem_euclid(TAU) / TAU * SECTORS as f64;
         let (i, j) = ((x as usize).clamp(1, RINGS - 3) - 1, y as usize + SECTORS - 1);
-        let (wx, wy) = (cubic(x - i as f64), cubic(y.fract() + 1.0));
+        let (wx, wy) = (cubic(x - i as f64 - 1.0), cubic(y.fract()));
         let mut sum = [0.0; 4];
         for (a, wx) in wx.iter().enumerate() {
             for (b, wy) in wy.iter().enumerate() {
@@ -70,12 +70,6 @@ impl Shift {
         let square = |n: &[f64; 4]| n[..3].iter().map(|x| x * x).sum::<f64>();
         (self.nodes.iter().map(square).sum::<f64>() / self.nodes.len() as f64).sqrt()
     }
-}
-
-/// Weights of four nodes at 0, 1, 2, 3 for the position x: Lagrange's cubic.
-fn cubic(x: f64) -> [f64; 4] {
-    let (a, b, c, d) = (x, x - 1.0, x - 2.0, x - 3.0);
-    [-b * c * d / 6.0, a * c * d / 2.0, -a * b * d / 2.0, a * b * c / 6.0]
 }
 
 /// RMS deviations of a device's rays about their chief ray, radians: along the meridian and across it, over polar angles.

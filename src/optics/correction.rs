@@ -71,8 +71,8 @@ impl MapCorrection {
     }
 }
 
-/// Weights of four nodes at -1, 0, 1, 2 for the position 0 <= x < 1: Lagrange's cubic.
-fn cubic(x: f64) -> [f64; 4] {
+/// Weights of four nodes at -1, 0, 1, 2 for the position x, best within 0 <= x < 1: Lagrange's cubic.
+pub(crate) fn cubic(x: f64) -> [f64; 4] {
     let (a, b, c) = (x + 1.0, x - 1.0, x - 2.0);
     [-x * b * c / 6.0, a * b * c / 2.0, -a * x * c / 2.0, a * x * b / 6.0]
 }

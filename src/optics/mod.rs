@@ -15,6 +15,7 @@ mod wishes;
 
 pub use conic::Conic;
 pub use correction::MapCorrection;
+pub(crate) use correction::cubic;
 pub use many::{Leaving, Ray};
 pub use map::{Lens, OpticalMap};
 pub use mirrors::{Mirrors, Path};
