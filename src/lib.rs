@@ -23,6 +23,7 @@ pub mod reduce;
 pub mod calibrate;
 pub mod measure;
 pub mod twin;
+pub mod devices;
 pub mod fit;
 pub mod forecast;
 pub mod design;

@@ -14,6 +14,9 @@ use crate::radiometry::{Lamp, Sensor};
 
 /// Relative difference between the exposure asked for and the one set that is still the plan's exposure.
 const EXPOSURE_TOLERANCE: f64 = 1e-3;
+/// ... and at most, where a camera sets exposures in steps: a frame is merged with the time it was taken with, but colours that
+/// a projector shows one after the other are no longer shown equally long.
+const STEPPED_TOLERANCE: f64 = 1e-2;
 /// What a frame may be late beyond its exposure and readout, s.
 const FRAME_SLACK_S: f64 = 0.5;
 /// Frames that may be no good one after the other.
@@ -138,10 +141,7 @@ impl<'a> Acquisition<'a> {
     /// # Errors
     /// [`CaptureError::Limits`] before anything is opened; [`CaptureError::Device`].
     pub fn open(rig: &'a Rig, bench: &mut dyn Bench, exposures_s: &[f64]) -> Result<Self, CaptureError> {
-        let camera_limits = bench.camera().limits()?;
-        let projector_limits = bench.projector().limits()?;
-        check_camera(rig, &camera_limits, exposures_s)?;
-        check_projector(rig, &projector_limits)?;
+        let camera_limits = check_devices(rig, bench, exposures_s)?;
         let camera = bench.camera().open()?;
         let projector = bench.projector().open()?;
         Ok(Self {
@@ -222,7 +222,7 @@ impl<'a> Acquisition<'a> {
             return Ok(());
         }
         let achieved_s = self.timed(|a| a.camera.set_exposure(wanted_s))?;
-        if !near(achieved_s, wanted_s) {
+        if !self.near(achieved_s, wanted_s) {
             return Err(CaptureError::Exposure { wanted_s, achieved_s });
         }
         self.exposure_s = wanted_s;
@@ -372,7 +372,7 @@ impl<'a> Acquisition<'a> {
             if frame.timestamp_s < not_before_s.min(self.lit_s()) {
                 return Err(Rejection::Stale);
             }
-            if !near(frame.exposure_s, exposure_s) || frame.gain != 1.0 {
+            if !self.near(frame.exposure_s, exposure_s) || frame.gain != 1.0 {
                 return Err(Rejection::OtherExposure);
             }
             return Ok(Accepted { frame, light: self.lamp.light(), reading: None });
@@ -391,7 +391,7 @@ impl<'a> Acquisition<'a> {
         if !frame.flags.good() {
             return Err(Rejection::Corrupt);
         }
-        if !near(frame.exposure_s, exposure_s) || frame.gain != 1.0 {
+        if !self.near(frame.exposure_s, exposure_s) || frame.gain != 1.0 {
             return Err(Rejection::OtherExposure);
         }
         match verdict {
@@ -433,8 +433,13 @@ impl<'a> Acquisition<'a> {
         }
     }
 
+    /// Whether an exposure is the one that was wanted, as nearly as the camera can set it.
+    pub(super) fn near(&self, achieved_s: f64, wanted_s: f64) -> bool {
+        near(achieved_s, wanted_s, self.camera_limits.exposure_step_s)
+    }
+
     /// Time from the start of an exposure to that of the next, s.
-    fn frame_time_s(&self, exposure_s: f64) -> f64 {
+    pub(super) fn frame_time_s(&self, exposure_s: f64) -> f64 {
         (exposure_s + self.camera_limits.readout_s).max(self.camera_limits.frame_s)
     }
 
@@ -506,9 +511,23 @@ impl Rejections {
     }
 }
 
-pub(super) fn near(achieved_s: f64, wanted_s: f64) -> bool {
+fn near(achieved_s: f64, wanted_s: f64, step_s: f64) -> bool {
+    // Half a step, and what rounding it takes.
+    let nearest = (0.501 * step_s / wanted_s).min(STEPPED_TOLERANCE);
     // False for NaN.
-    (achieved_s / wanted_s - 1.0).abs() <= EXPOSURE_TOLERANCE
+    (achieved_s / wanted_s - 1.0).abs() <= EXPOSURE_TOLERANCE.max(nearest)
+}
+
+/// Compares what devices say they can do with a rig and with exposures; nothing is opened for good, nothing moves.
+///
+/// # Errors
+/// [`CaptureError::Limits`]; [`CaptureError::Device`].
+pub fn check_devices(rig: &Rig, bench: &dyn Bench, exposures_s: &[f64]) -> Result<CameraLimits, CaptureError> {
+    let camera = bench.camera().limits()?;
+    let projector = bench.projector().limits()?;
+    check_camera(rig, &camera, exposures_s)?;
+    check_projector(rig, &projector)?;
+    Ok(camera)
 }
 
 fn check_camera(rig: &Rig, limits: &CameraLimits, exposures_s: &[f64]) -> Result<(), CaptureError> {
@@ -522,8 +541,10 @@ fn check_camera(rig: &Rig, limits: &CameraLimits, exposures_s: &[f64]) -> Result
         );
         return Err(cannot(problem, "correct camera.width_px and camera.height_px or the camera's mode"));
     }
-    let (shortest, longest) = (limits.shortest_s, limits.longest_s);
-    if let Some(bad) = exposures_s.iter().find(|&&e| !(e >= shortest && e <= longest)) {
+    let (shortest, longest, step_s) = (limits.shortest_s, limits.longest_s, limits.exposure_step_s);
+    // The limits themselves are near where an exposure is rounded to them.
+    let can = |e: f64| near(e.clamp(shortest, longest), e, step_s);
+    if let Some(bad) = exposures_s.iter().find(|&&e| !can(e)) {
         let problem = format!(
             "exposes for {:.3}..={:.0} ms, the plan asks for {:.3} ms",
             1e3 * shortest,
@@ -531,6 +552,12 @@ fn check_camera(rig: &Rig, limits: &CameraLimits, exposures_s: &[f64]) -> Result
             1e3 * bad
         );
         return Err(cannot(problem, "change the plan's exposures"));
+    }
+    let set_s = |e: f64| if step_s > 0.0 { (e / step_s).round() * step_s } else { e };
+    if let Some(bad) = exposures_s.iter().find(|&&e| !near(set_s(e), e, step_s)) {
+        let problem =
+            format!("sets exposures in steps of {:.3} ms, the plan asks for {:.3} ms", 1e3 * step_s, 1e3 * bad);
+        return Err(cannot(problem, "raise shortest_refreshes in the plan's [exposure]"));
     }
     Ok(())
 }

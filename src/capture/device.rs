@@ -43,6 +43,11 @@ pub struct CameraLimits {
     pub shortest_s: f64,
     /// Longest exposure time, s.
     pub longest_s: f64,
+    /// Step in which its exposure time can be set, s; 0 where any can.
+    pub exposure_step_s: f64,
+    /// Frames of a free-running camera from a change of exposure until the new one is in force for certain; 0 where the next
+    /// frame has it.
+    pub settling_frames: u32,
     /// How frames are asked for.
     pub triggering: Triggering,
     /// Shortest time from one start of exposure to the next, s.
@@ -91,7 +96,7 @@ pub struct Frame {
     pub height: usize,
     /// Values in DN.
     pub samples: Vec<u16>,
-    /// Exposure time the frame was taken with, s.
+    /// Exposure time the frame was taken with, s; NaN while it is changed and the camera does not say.
     pub exposure_s: f64,
     /// Gain the frame was taken with; 1 is the calibrated one.
     pub gain: f64,
@@ -138,7 +143,8 @@ pub trait Camera: Send {
     /// [`CaptureError::Device`].
     fn start(&mut self, first: u64) -> Result<(), CaptureError>;
 
-    /// Begins an exposure and returns at once; only for [`Triggering::Triggered`].
+    /// Begins an exposure and returns at once, or, of a camera that does not tell when it begins, when it is over; only for
+    /// [`Triggering::Triggered`].
     ///
     /// # Errors
     /// [`CaptureError::Device`].

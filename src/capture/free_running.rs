@@ -1,12 +1,12 @@
 //! Frames from a camera that runs freely: those that show the right pattern with a wanted exposure are picked.
 
 use super::CaptureError;
-use super::acquisition::{Acquisition, FROZEN_S, Keep, Refused, Rejection, Rejections, near};
+use super::acquisition::{Acquisition, FROZEN_S, Keep, Refused, Rejection, Rejections};
 
 impl Acquisition<'_> {
     /// See [`Acquisition::take`]. Any wanted exposure is taken in whatever order it comes. The camera latches its exposure
     /// at the start of a frame, so the next one is set while the last is still under way; only the change of pattern
-    /// costs a frame, and then one of the shortest exposure.
+    /// costs a frame, and then one of the shortest exposure. One that takes frames to settle is left alone until it has.
     pub(super) fn take_free_running(
         &mut self,
         index: usize,
@@ -19,6 +19,9 @@ impl Acquisition<'_> {
         self.show(index)?;
         let mut asked = 0;
         self.set_exposure(wanted[asked].1)?;
+        let settling = self.camera_limits.settling_frames;
+        let all_s: f64 = exposures_s.iter().map(|&e| self.frame_time_s(e)).sum();
+        let patience_s = FROZEN_S + all_s * f64::from(1 + settling);
         let mut rejections = Rejections::default();
         while !wanted.is_empty() {
             let Some(frame) = self.receive()? else {
@@ -27,12 +30,12 @@ impl Acquisition<'_> {
                 continue;
             };
             // The frame now under way has what was asked for last; ask for the one after it.
-            if wanted.len() > 1 {
+            if wanted.len() > 1 && settling == 0 {
                 asked = (asked + 1) % wanted.len();
                 self.set_exposure(wanted[asked].1)?;
             }
             let (sequence, began_s, exposure_s) = (frame.sequence, frame.timestamp_s, frame.exposure_s);
-            let match_ = wanted.iter().position(|(_, e)| near(exposure_s, *e));
+            let match_ = wanted.iter().position(|(_, e)| self.near(exposure_s, *e));
             let target_s = match_.map_or(wanted[0].1, |i| wanted[i].1);
             match (self.judge(frame, index, target_s, asked_s), match_) {
                 (Ok(accepted), Some(i)) => {
@@ -48,7 +51,7 @@ impl Acquisition<'_> {
                 (Ok(_) | Err(Rejection::OtherExposure | Rejection::Stale), _) => {
                     // The change of a setting or of the pattern is still on its way.
                     self.effort.skipped += 1;
-                    if began_s > self.said_lit_s() + FROZEN_S + exposures_s.iter().sum::<f64>() {
+                    if began_s > self.said_lit_s() + patience_s {
                         return Err(CaptureError::Frozen { waited_s: began_s - asked_s });
                     }
                 }

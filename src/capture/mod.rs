@@ -19,7 +19,7 @@ use thiserror::Error;
 
 use crate::store::StoreError;
 
-pub use acquisition::{Effort, Rejection, Taken, sensor};
+pub use acquisition::{Effort, Rejection, Taken, check_devices, sensor};
 pub use device::{
     Bench, Camera, CameraFactory, CameraLimits, Clock, Frame, FrameFlags, Placement, Projector, ProjectorFactory,
     ProjectorLimits, Triggering,
@@ -115,6 +115,12 @@ pub enum CaptureError {
         exposure_ms: f64,
         /// What went wrong.
         source: Box<CaptureError>,
+    },
+    /// Nobody is there to put something in place.
+    #[error("{what} must be put in place: run this in a terminal, where you are asked for it")]
+    NotPlaced {
+        /// What is needed.
+        what: Placement,
     },
     /// A file could not be read or written.
     #[error(transparent)]

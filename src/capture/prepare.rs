@@ -1,7 +1,7 @@
 //! What is measured before the first frame: how bright the coded patch may be, how late the projector is, what the patch
 //! looks like.
 
-use super::acquisition::{Acquisition, FROZEN_S, Rejections, near};
+use super::acquisition::{Acquisition, FROZEN_S, Rejections};
 use super::device::Frame;
 use super::tag_reader::{TagModel, TagProblem, TagReading, Verdict};
 use super::{CaptureError, Rejection};
@@ -198,7 +198,7 @@ impl Acquisition<'_> {
             }
             let good = received.filter(|frame| {
                 // The same clock twice: a microsecond is rounding.
-                frame.flags.good() && frame.timestamp_s >= start_s - 1e-6 && near(frame.exposure_s, exposure_s)
+                frame.flags.good() && frame.timestamp_s >= start_s - 1e-6 && self.near(frame.exposure_s, exposure_s)
             });
             if good.is_some() {
                 return Ok(good);

@@ -12,12 +12,14 @@ use crate::store::{self, StoreError};
 /// Version of the run folder.
 pub const RUN_FORMAT: u32 = 2;
 
-/// A run folder: `run.json`, `rig.toml`, `plan.toml`, `calibration/`, `journal.jsonl`, `responses/`, `coefficients.exr`; and
-/// `pending/` with the frames whose response is not stored yet.
+/// A run folder: `run.json`, `rig.toml`, `plan.toml`, `calibration/`, `journal.jsonl`, `responses/`, `coefficients.exr`,
+/// `devices.toml` of a run on real devices; and `pending/` with the frames whose response is not stored yet.
 #[derive(Debug, Clone)]
 pub struct RunFolder {
     path: PathBuf,
     keep_frames: bool,
+    /// Name and text of a file that is written with the folder.
+    with: Option<(&'static str, String)>,
 }
 
 impl RunFolder {
@@ -27,7 +29,12 @@ impl RunFolder {
     /// [`StoreError::NotEmpty`] if the folder holds anything.
     pub fn create(path: &Path, keep_frames: bool) -> Result<Self, StoreError> {
         store::vacant(path)?;
-        Ok(Self { path: path.to_owned(), keep_frames })
+        Ok(Self { path: path.to_owned(), keep_frames, with: None })
+    }
+
+    /// The same with a file of this name and text in it.
+    pub fn holding(self, name: &'static str, text: String) -> Self {
+        Self { with: Some((name, text)), ..self }
     }
 
     /// Makes the folder with what `fill` writes at the path it is given, whole or not at all.
@@ -41,6 +48,9 @@ impl RunFolder {
             if self.keep_frames {
                 store::create_dir(&part.join("frames"))?;
             }
+            if let Some((name, text)) = &self.with {
+                store::write(&part.join(name), text.as_bytes())?;
+            }
             fill(part)
         })
     }
@@ -52,7 +62,7 @@ impl RunFolder {
     pub fn open(path: &Path) -> Result<Self, StoreError> {
         let manifest = path.join("run.json");
         fs::metadata(&manifest).map_err(|source| StoreError::Read { path: manifest, source })?;
-        Ok(Self { path: path.to_owned(), keep_frames: path.join("frames").is_dir() })
+        Ok(Self { path: path.to_owned(), keep_frames: path.join("frames").is_dir(), with: None })
     }
 
     /// Where it is.

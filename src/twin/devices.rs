@@ -202,6 +202,8 @@ impl CameraFactory for TwinCameraFactory {
             height,
             shortest_s: EXPOSURES_S[0],
             longest_s: EXPOSURES_S[1],
+            exposure_step_s: 0.0,
+            settling_frames: 0,
             triggering: self.0.triggering,
             frame_s: scene.frame_s(),
             readout_s: scene.readout_s(),

@@ -1,0 +1,1 @@
+//! What each device of a bench can and cannot do.

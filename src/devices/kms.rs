@@ -1,0 +1,39 @@
+//! The driver `kms`.
+
+use super::{Found, KmsSettings, Painter};
+use crate::capture::{CaptureError, Projector, ProjectorFactory, ProjectorLimits};
+
+/// A projector of this driver.
+pub struct Kms {
+    settings: KmsSettings,
+}
+
+impl Kms {
+    /// One of these settings; nothing is opened.
+    pub fn new(settings: &KmsSettings, _painter: Painter) -> Self {
+        Self { settings: settings.clone() }
+    }
+
+    fn unwritten(&self) -> CaptureError {
+        let reason = format!("it is not written yet: {:?} must wait", self.settings);
+        CaptureError::Device { device: "projector", step: "open".into(), reason }
+    }
+}
+
+impl ProjectorFactory for Kms {
+    fn limits(&self) -> Result<ProjectorLimits, CaptureError> {
+        Err(self.unwritten())
+    }
+
+    fn open(&self) -> Result<Box<dyn Projector>, CaptureError> {
+        Err(self.unwritten())
+    }
+}
+
+/// What there is.
+///
+/// # Errors
+/// [`CaptureError::Device`].
+pub fn list() -> Result<Vec<Found>, CaptureError> {
+    Ok(Vec::new())
+}

@@ -1,0 +1,35 @@
+//! Real cameras and projectors behind the traits of [`capture`](crate::capture).
+//!
+//! A devices file ([`DevicesFile`]) says which driver takes frames and which shows them. All drivers can be named in it; those
+//! that need a library of the system are features of the build.
+
+mod bench;
+mod error;
+mod files;
+mod files_projector;
+mod first_light;
+mod grey_image;
+mod list;
+mod paint;
+mod settings;
+mod v4l_formats;
+
+#[cfg(feature = "aravis")]
+mod aravis;
+#[cfg(feature = "kms")]
+mod kms;
+#[cfg(feature = "v4l")]
+mod v4l;
+#[cfg(feature = "window")]
+mod window;
+
+pub use bench::{DeviceBench, MonotonicClock, Operator};
+pub use error::DevicesError;
+
+pub use list::{Found, Listing, Role, list};
+pub use paint::Painter;
+pub use settings::{
+    AravisSettings, CameraSettings, DEVICES_FORMAT, DevicesFile, Driver, FilesCameraSettings, FilesProjectorSettings,
+    KmsSettings, ProjectorSettings, Stamp, V4lSettings, WindowSettings,
+};
+pub use v4l_formats::{PixelFormat, UnpackError, Unpacker};
