@@ -20,12 +20,20 @@ mod aravis;
 mod kms;
 #[cfg(feature = "v4l")]
 mod v4l;
+#[cfg(feature = "v4l")]
+mod v4l_camera;
+#[cfg(feature = "v4l")]
+mod v4l_controls;
+#[cfg(feature = "v4l")]
+mod v4l_list;
+#[cfg(feature = "v4l")]
+mod v4l_timing;
 #[cfg(feature = "window")]
 mod window;
 
 pub use bench::{DeviceBench, MonotonicClock, Operator};
 pub use error::DevicesError;
-
+pub use first_light::{Finding, FirstLight, Verdict, first_light};
 pub use list::{Found, Listing, Role, list};
 pub use paint::Painter;
 pub use settings::{
