@@ -130,7 +130,8 @@ fn calibration(session: &Session<'_>) -> anyhow::Result<CalibrationSet> {
     let own: PathBuf = args.out.join("calibration");
     let kept = args.resume && own.is_dir();
     let from = args.calibration.as_deref().or(kept.then_some(own.as_path()));
-    let calibration = common::calibration(from, session.rig, &session.config(args.seed)?, Some(args.max_age_days))?;
+    let config = if args.devices.is_some() { None } else { Some(session.config(args.seed)?) };
+    let calibration = common::calibration(from, session.rig, config.as_ref(), Some(args.max_age_days))?;
     if !kept {
         calibration.write(&own, session.rig)?;
     }
@@ -150,10 +151,13 @@ fn one(
         }
         return Ok(("resumed", session.resumed(run)?.record));
     }
-    let (brdf, config) = session.checked(sample)?;
+    let apparatus = session.checked(sample)?;
     let folder = RunFolder::create(run, session.args.keep_frames)?;
     let name = sample.name.as_deref().unwrap_or_default();
-    let measured = session.measured(sample, brdf, &config, calibration, &folder).context(name.to_owned())?;
+    if session.args.devices.is_some() {
+        eprintln!("next sample: {name}");
+    }
+    let measured = session.measured(sample, apparatus, calibration, folder).context(name.to_owned())?;
     Ok(("measured", measured.record))
 }
 

@@ -13,14 +13,13 @@ use zonal::calibrate::{
     NoiseFigures, Origin, Reference, ResponseMethod, RigMap, align, black_trap, camera_codes, colour, flat_field,
     gray_card, gray_card_plan, in_order, linearity, map, noise, response,
 };
-use zonal::capture::{Placement, SensorMaps};
+use zonal::capture::{Bench, Placement, SensorMaps, check_devices};
 use zonal::optics::Rig;
 use zonal::patterns::{Exitant, Plan};
 use zonal::radiometry::{LinearRange, Response};
 use zonal::reduce::Coefficients;
 use zonal::reflectance::Brdf;
 use zonal::store::{self, StoreError};
-use zonal::twin::TwinBench;
 
 use crate::common::{self, BadUsage, Report};
 
@@ -69,6 +68,12 @@ pub struct Args {
     /// Calibrate the simulated rig.
     #[arg(long)]
     simulate: bool,
+    /// Calibrate with the real devices of this file.
+    #[arg(long, value_name = "FILE", conflicts_with = "simulate")]
+    devices: Option<PathBuf>,
+    /// What is needed is in place: do not ask. For kinds that need one thing alone.
+    #[arg(long, requires = "devices")]
+    yes: bool,
     /// Simulated rig: pinhole or finite, as for `zonal measure`.
     #[arg(long, value_name = "NAME", default_value = "pinhole")]
     twin: String,
@@ -141,26 +146,33 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
         let job = Job::new(args, rig, Devices::Real)?;
         return job.noise_on_disk(description);
     }
-    if !args.simulate {
+    if !args.simulate && args.devices.is_none() {
         return Err(common::no_devices());
+    }
+    if args.yes && args.kind.placements().len() > 1 {
+        let message =
+            "--yes: this kind needs one thing after the other in place; leave it out and answer at the terminal";
+        return Err(BadUsage(message.into()).into());
     }
     if std::io::stderr().is_terminal() {
         let names: Vec<String> = args.kind.placements().iter().map(Placement::to_string).collect();
         eprintln!("this needs in place: {}", names.join(", then "));
     }
-    let job = Job::new(args, rig, Devices::Simulated { seed: args.seed })?;
+    let devices = if args.simulate { Devices::Simulated { seed: args.seed } } else { Devices::Real };
+    let job = Job::new(args, rig, devices)?;
     let mut bench = job.bench()?;
+    let bench = bench.as_mut();
     match args.kind {
-        Kind::Response => job.response(&mut bench),
-        Kind::Align => job.align(&mut bench),
-        Kind::Map => job.map(&mut bench),
-        Kind::FlatField => job.flat_field(&mut bench),
+        Kind::Response => job.response(bench),
+        Kind::Align => job.align(bench),
+        Kind::Map => job.map(bench),
+        Kind::FlatField => job.flat_field(bench),
         Kind::GrayCard => job.gray_card(bench),
-        Kind::BlackTrap => job.black_trap(&mut bench),
-        Kind::Noise => job.noise(&mut bench),
-        Kind::Linearity => job.linearity(&mut bench),
-        Kind::Colour => job.colour(&mut bench),
-        Kind::CameraResponse => job.camera_response(&mut bench),
+        Kind::BlackTrap => job.black_trap(bench),
+        Kind::Noise => job.noise(bench),
+        Kind::Linearity => job.linearity(bench),
+        Kind::Colour => job.colour(bench),
+        Kind::CameraResponse => job.camera_response(bench),
     }
 }
 
@@ -176,10 +188,17 @@ impl<'a> Job<'a> {
         Ok(Self { args, rig, measured, camera, sensor, map, origin })
     }
 
-    fn bench(&self) -> anyhow::Result<TwinBench> {
+    fn bench(&self) -> anyhow::Result<Box<dyn Bench>> {
+        if let Some(path) = &self.args.devices {
+            let bench = common::devices(&common::devices_file(path)?, &self.rig, self.args.yes)?;
+            check_devices(&self.rig, &bench, &[])?;
+            return Ok(Box::new(bench));
+        }
         let twin = common::twin(&self.args.twin, self.args.seed, self.args.misalign.as_deref())?;
         let config = common::for_calibration(&twin);
-        Ok(common::bench(&self.rig, &config, zonal::reflectance::open("gray-card")?))
+        let bench = common::bench(&self.rig, &config, zonal::reflectance::open("gray-card")?);
+        let card = reference(self.args)?.brdf() as Arc<dyn Brdf>;
+        Ok(Box::new(if self.args.kind == Kind::GrayCard { bench.with_card(card) } else { bench }))
     }
 
     fn files(&self) -> Folder<'_> {
@@ -202,7 +221,7 @@ impl<'a> Job<'a> {
         Report { text: format!("{text}; {} in {}", part.file(), self.args.out.display()), json }
     }
 
-    fn response(&self, bench: &mut TwinBench) -> anyhow::Result<Report> {
+    fn response(&self, bench: &mut dyn Bench) -> anyhow::Result<Report> {
         let (response, channels) = response(&self.measured, bench)?;
         self.write(|f| f.write_response(&self.header(Part::Response), &response, Some(&channels)))?;
         let [red, green, blue] = channels.each_ref().map(Response::contrast);
@@ -212,7 +231,7 @@ impl<'a> Job<'a> {
         Ok(self.report(&text, Part::Response, json))
     }
 
-    fn align(&self, bench: &mut TwinBench) -> anyhow::Result<Report> {
+    fn align(&self, bench: &mut dyn Bench) -> anyhow::Result<Report> {
         let found = align(&self.measured, bench)?;
         self.write(|f| f.write_align(&self.header(Part::Align), &found))?;
         let told = |name: &str, d: &DeviceAlignment| {
@@ -234,7 +253,7 @@ impl<'a> Job<'a> {
         Ok(self.report(&text, Part::Align, json))
     }
 
-    fn map(&self, bench: &mut TwinBench) -> anyhow::Result<Report> {
+    fn map(&self, bench: &mut dyn Bench) -> anyhow::Result<Report> {
         let needs = "the map needs `zonal calibrate response` in the same --out first";
         let (_, (response, _)) = self.files().read_response().context(needs)?;
         let known = self.files().if_there(Part::Align, Folder::read_align).transpose()?.map(|(_, known)| known);
@@ -260,7 +279,7 @@ impl<'a> Job<'a> {
         Ok(self.report(&text, Part::Map, json!({ "kind": "map", "map": found })))
     }
 
-    fn flat_field(&self, bench: &mut TwinBench) -> anyhow::Result<Report> {
+    fn flat_field(&self, bench: &mut dyn Bench) -> anyhow::Result<Report> {
         let flat = flat_field(&self.measured, bench, self.map.as_ref().map(|(_, map)| map))?;
         self.write(|f| f.write_flat_field(&self.header(Part::FlatField), &flat))?;
         let darkest = flat.values.iter().copied().fold(1.0f32, f32::min);
@@ -268,17 +287,16 @@ impl<'a> Job<'a> {
         Ok(self.report(&text, Part::FlatField, json!({ "kind": "flat-field", "darkest": darkest })))
     }
 
-    fn gray_card(&self, mut bench: TwinBench) -> anyhow::Result<Report> {
+    fn gray_card(&self, bench: &mut dyn Bench) -> anyhow::Result<Report> {
         let trap = self.files().if_there(Part::BlackTrap, Folder::read_black_trap).transpose()?;
         let reference = reference(self.args)?;
-        bench = bench.with_card(reference.brdf() as Arc<dyn Brdf>);
         let mut plan = gray_card_plan(&self.rig);
         if let Some((_, trap)) = &trap {
             plan.exitant = Exitant { rings: trap.grid.rings(), sectors: trap.grid.sectors() };
         }
         let (scale, check) = self.zonal(trap.as_ref(), |known| {
             let mut bar = common::frames_bar("gray card");
-            Ok(gray_card(&self.measured, &mut bench, &plan, known, &reference, &mut bar)?)
+            Ok(gray_card(&self.measured, bench, &plan, known, &reference, &mut bar)?)
         })?;
         self.write(|f| f.write_gray_card(&self.header(Part::GrayCard), &scale, &check))?;
         let stray = if trap.is_some() { ", stray light taken off" } else { "" };
@@ -293,7 +311,7 @@ impl<'a> Job<'a> {
         Ok(self.report(&text, Part::GrayCard, json))
     }
 
-    fn black_trap(&self, bench: &mut TwinBench) -> anyhow::Result<Report> {
+    fn black_trap(&self, bench: &mut dyn Bench) -> anyhow::Result<Report> {
         let plan = match &self.args.plan {
             // Exposures are the gray card's: there is little light whatever the sample will need.
             Some(path) => {
@@ -332,7 +350,7 @@ impl<'a> Job<'a> {
         measure(Known { response: &response, flat: &flat, sensor, trap, map })
     }
 
-    fn camera_response(&self, bench: &mut TwinBench) -> anyhow::Result<Report> {
+    fn camera_response(&self, bench: &mut dyn Bench) -> anyhow::Result<Report> {
         let method = match self.args.method {
             Some(Method::Robertson) => ResponseMethod::Robertson,
             Some(Method::Debevec) | None => ResponseMethod::Debevec,
@@ -353,7 +371,7 @@ impl<'a> Job<'a> {
         CameraFigures { codes, ..CameraFigures::default() }.of_rig(&self.rig)
     }
 
-    fn noise(&self, bench: &mut TwinBench) -> anyhow::Result<Report> {
+    fn noise(&self, bench: &mut dyn Bench) -> anyhow::Result<Report> {
         let (mut figures, maps) = noise(&self.linear(), bench)?;
         figures.codes = self.camera.as_ref().and_then(|(_, camera)| camera.codes.clone());
         self.write(|f| {
@@ -376,7 +394,7 @@ impl<'a> Job<'a> {
         Ok(self.of_figures("noise", &figures, None))
     }
 
-    fn linearity(&self, bench: &mut TwinBench) -> anyhow::Result<Report> {
+    fn linearity(&self, bench: &mut dyn Bench) -> anyhow::Result<Report> {
         let range: LinearRange = linearity(&self.measured, bench)?;
         let mut header = self.header(Part::Camera);
         let mut figures = CameraFigures { linear_range: Some(range), ..CameraFigures::default() };
@@ -413,7 +431,7 @@ impl<'a> Job<'a> {
         self.report(&said.join("; "), Part::Camera, json)
     }
 
-    fn colour(&self, bench: &mut TwinBench) -> anyhow::Result<Report> {
+    fn colour(&self, bench: &mut dyn Bench) -> anyhow::Result<Report> {
         let colours = colour(&self.measured, bench)?;
         self.write(|f| f.write_colour(&self.header(Part::Colour), &colours))?;
         let own = (0..3).map(|c| colours.matrix[c][c]).fold(1.0, f64::min);

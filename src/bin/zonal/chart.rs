@@ -188,7 +188,7 @@ fn pareto(args: &Args) -> anyhow::Result<Report> {
     store::vacant(&args.out)?;
     let rig = Rig::from_toml(RIG)?;
     let config = TwinConfig::pinhole(args.seed);
-    let calibration = common::calibration(None, &rig, &config, None)?;
+    let calibration = common::calibration(None, &rig, Some(&config), None)?;
     let known = sgd_materials();
     let materials: Vec<(String, Arc<dyn Brdf>)> = PARETO_MATERIALS
         .into_iter()

@@ -1,5 +1,6 @@
 //! What the commands share: loading with names in messages, progress, results, exit codes.
 
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -9,6 +10,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use signal_hook::iterator::Signals;
 use zonal::calibrate::{Acceptance, CalibrateError, CalibrationSet, Devices, Freshness, Origin};
 use zonal::capture::{CaptureError, Control};
+use zonal::devices::{DeviceBench, DevicesFile, Operator};
 use zonal::export::{ShMaterial, TensorMaterial};
 use zonal::fit::FitReport;
 use zonal::geometry::Zone;
@@ -150,18 +152,25 @@ impl Colours {
     }
 }
 
-/// The calibrations in a folder, of a simulated rig and of some age at most, or, without one, made now on that rig.
+/// The calibrations in a folder, of some age at most: those of real devices, or of the simulated rig `config`, on which they are
+/// made now where there is no folder.
 pub fn calibration(
     folder: Option<&Path>,
     rig: &Rig,
-    config: &TwinConfig,
+    config: Option<&TwinConfig>,
     max_age_days: Option<f64>,
 ) -> anyhow::Result<CalibrationSet> {
     let now = jiff::Timestamp::now();
     if let Some(folder) = folder {
         let freshness = max_age_days.map(|max_age_days| Freshness { now, max_age_days });
-        return Ok(CalibrationSet::read_for(folder, rig, &Acceptance { simulated: Some(true), freshness })?);
+        let accept = Acceptance { simulated: Some(config.is_some()), freshness };
+        return Ok(CalibrationSet::read_for(folder, rig, &accept)?);
     }
+    let Some(config) = config else {
+        let message = "real devices must be calibrated before: `zonal calibrate KIND RIG --devices FILE --out FOLDER` for \
+                       response, align, map, flat-field and gray-card, then give --calibration FOLDER";
+        return Err(BadUsage(message.into()).into());
+    };
     let mut bench = TwinBench::new(rig, for_calibration(config), open("gray-card")?);
     let origin = Origin { date: now, devices: Devices::Simulated { seed: config.seed } };
     Ok(CalibrationSet::make(rig, &mut bench, None, &mut frames_bar("calibrate"))?.made(rig, &origin))
@@ -181,6 +190,25 @@ pub fn twin(name: &str, seed: u64, misalign: Option<&Path>) -> anyhow::Result<Tw
 /// The same devices with other noise: calibrations and measurements of one seed must not share it.
 pub fn for_calibration(config: &TwinConfig) -> TwinConfig {
     TwinConfig { seed: config.seed ^ 0xCA11_B8A7, ..config.clone() }
+}
+
+/// Real devices for a rig, as their file says. Somebody must be there to put things in place, unless they are (`yes`).
+pub fn devices(file: &DevicesFile, rig: &Rig, yes: bool) -> anyhow::Result<DeviceBench> {
+    let operator = match (yes, std::io::stdin().is_terminal()) {
+        (true, _) => Operator::Gone,
+        (false, true) => Operator::AtTerminal,
+        (false, false) => {
+            let message =
+                "nobody is at the terminal to put things in place: with --yes, what is needed first is there already";
+            return Err(BadUsage(message.into()).into());
+        }
+    };
+    Ok(DeviceBench::new(file, rig, operator)?)
+}
+
+/// Reads a devices file.
+pub fn devices_file(path: &Path) -> anyhow::Result<DevicesFile> {
+    DevicesFile::read(path).with_context(|| path.display().to_string())
 }
 
 /// A simulated rig for a sample.
@@ -259,6 +287,18 @@ pub struct SamplesFailed {
     pub table: String,
 }
 
+/// Devices that cannot do what a measurement needs.
+#[derive(Debug, thiserror::Error)]
+#[error("{failed} of {all} things fail\n{table}")]
+pub struct DevicesFail {
+    /// How many.
+    pub failed: usize,
+    /// Of how many.
+    pub all: usize,
+    /// What was found out.
+    pub table: String,
+}
+
 /// An error and its causes, each said once.
 pub fn message(error: &anyhow::Error) -> String {
     error.chain().map(|cause| cause.to_string()).fold(String::new(), |said, cause| match said {
@@ -283,13 +323,15 @@ pub fn exit_code(error: &anyhow::Error) -> ExitCode {
             || matches!(cause.downcast_ref(), Some(CalibrateError::Transfer(_) | CalibrateError::Linearity(_)))
             || matches!(cause.downcast_ref(), Some(ReduceError::Incomplete { .. }))
             || cause.is::<SamplesFailed>()
+            || cause.is::<DevicesFail>()
     });
     if failed { ExitCode::from(1) } else { ExitCode::from(2) }
 }
 
-/// Why a command that needs a rig cannot go on without `--simulate`.
+/// Why a command that needs a rig cannot go on without one.
 pub fn no_devices() -> anyhow::Error {
-    BadUsage("this program was built without device back ends: add --simulate to use the simulated rig".into()).into()
+    let message = "on which rig? Add --devices FILE for a real one (`zonal devices` says what there is), or --simulate";
+    BadUsage(message.into()).into()
 }
 
 /// A run's control in the hands of signals: Ctrl-C or a termination stops it after the frame under way, a second one ends

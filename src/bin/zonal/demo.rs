@@ -49,7 +49,7 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     let config = TwinConfig::pinhole(args.seed);
     let run = (1..).map(|i| args.out.join(format!("run-{i}"))).find(|p| !p.exists()).expect("some number is free");
     let folder = RunFolder::create(&run, false)?;
-    let calibration = common::calibration(None, &rig, &config, None)?;
+    let calibration = common::calibration(None, &rig, Some(&config), None)?;
 
     let provenance = Provenance {
         sample: args.material.clone(),

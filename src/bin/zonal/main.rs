@@ -11,7 +11,9 @@ mod convert;
 mod demo;
 mod design;
 mod design_search;
+mod devices;
 mod export;
+mod first_light;
 mod fit;
 mod materials;
 mod measure;
@@ -54,6 +56,10 @@ enum Command {
     Materials,
     /// What a rig will measure, what ends its zone and what its tolerances cost; drawings and profile files.
     Design(design::Args),
+    /// Cameras and projectors there are, each with the lines for a devices file.
+    Devices,
+    /// What the devices of a file can and cannot do on a rig, tried out.
+    FirstLight(first_light::Args),
     /// Frames and time of a plan on a rig; moves nothing.
     Plan(plan::Args),
     /// The projector frames of a plan.
@@ -99,6 +105,8 @@ fn main() -> ExitCode {
         Command::Demo(args) => demo::run(&args),
         Command::Materials => materials::run(),
         Command::Design(args) => design::run(&args),
+        Command::Devices => devices::run(),
+        Command::FirstLight(args) => first_light::run(&args),
         Command::Plan(args) => plan::run(&args),
         Command::Patterns(args) => patterns::run(&args),
         Command::Calibrate(args) => calibrate::run(&args),

@@ -5,17 +5,21 @@ use std::sync::Arc;
 
 use anyhow::Context;
 use zonal::calibrate::CalibrationSet;
-use zonal::capture::{Bench, Control, RunFolder};
+use zonal::capture::{Bench, Control, RunFolder, check_devices};
+use zonal::devices::DevicesFile;
 use zonal::forecast::FitAdviser;
 use zonal::measure::{Assumptions, Measurement, Provenance, Request, RunRecord, measure, resume};
 use zonal::optics::Rig;
-use zonal::patterns::Plan;
+use zonal::patterns::{Plan, Timing};
 use zonal::reflectance::{Brdf, open};
 use zonal::store;
 use zonal::twin::{Faults, TwinBench, TwinConfig};
 
 use crate::batch;
 use crate::common::{self, BadUsage, Report};
+
+/// The devices file in a run folder.
+const DEVICES: &str = "devices.toml";
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -32,6 +36,12 @@ pub struct Args {
     /// Measure this material on the simulated rig: a .bsdf, .binary or .dat file, or a name of `zonal materials`.
     #[arg(long, value_name = "MATERIAL")]
     pub simulate: Option<String>,
+    /// Measure with the real devices of this file; with --resume, instead of those the run was begun with.
+    #[arg(long, value_name = "FILE", conflicts_with = "simulate")]
+    pub devices: Option<PathBuf>,
+    /// The sample is in place: do not ask.
+    #[arg(long, conflicts_with = "batch")]
+    yes: bool,
     /// Simulated rig: pinhole (chief rays), or finite (pupils with footprints, blur and vignetting, stray light, a sample
     /// 0.05 mm too high).
     #[arg(long, value_name = "NAME", default_value = "pinhole")]
@@ -123,11 +133,12 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
         grain_deg: args.grain_deg,
         seed: args.seed,
     };
-    let (brdf, config) = session.checked(&sample)?;
+    let apparatus = session.checked(&sample)?;
     // Found out before a calibration is made; the folder itself appears with the first frame.
     let folder = RunFolder::create(&args.out, args.keep_frames)?;
-    let calibration = common::calibration(args.calibration.as_deref(), &rig, &config, Some(args.max_age_days))?;
-    let measured = session.measured(&sample, brdf, &config, &calibration, &folder)?;
+    let calibration =
+        common::calibration(args.calibration.as_deref(), &rig, apparatus.config(), Some(args.max_age_days))?;
+    let measured = session.measured(&sample, apparatus, &calibration, folder)?;
     Ok(report(&measured.record, &args.out))
 }
 
@@ -141,6 +152,24 @@ pub struct Mounted {
     pub grain_deg: f64,
     /// Seed of the simulated noise.
     pub seed: u64,
+}
+
+/// What a sample is measured on.
+pub enum Apparatus {
+    /// The simulated rig, with the sample in it.
+    Simulated(Arc<dyn Brdf>, Box<TwinConfig>),
+    /// Real devices.
+    Real(DevicesFile),
+}
+
+impl Apparatus {
+    /// The simulated rig, if it is one.
+    pub fn config(&self) -> Option<&TwinConfig> {
+        match self {
+            Apparatus::Simulated(_, config) => Some(config),
+            Apparatus::Real(_) => None,
+        }
+    }
 }
 
 /// What all measurements of one call share.
@@ -160,30 +189,61 @@ impl Session<'_> {
         Ok(if self.args.noiseless { config.noiseless() } else { config })
     }
 
-    /// Opens a sample.
-    pub fn checked(&self, sample: &Mounted) -> anyhow::Result<(Arc<dyn Brdf>, TwinConfig)> {
+    /// Opens a sample, or checks that real devices can do what rig and plan ask for.
+    pub fn checked(&self, sample: &Mounted) -> anyhow::Result<Apparatus> {
         if !(-360.0..=360.0).contains(&sample.grain_deg) {
             let message = format!("a grain at {} deg is out of range: choose -360..=360", sample.grain_deg);
             return Err(BadUsage(message).into());
         }
-        let Some(material) = &sample.simulate else { return Err(common::no_devices()) };
-        Ok((common::mounted(open(material)?, sample.grain_deg), self.config(sample.seed)?))
+        match (&self.args.devices, &sample.simulate) {
+            (Some(_), Some(material)) => {
+                let message = format!("`simulate = {material}` with --devices: leave one of them out");
+                Err(BadUsage(message).into())
+            }
+            (Some(path), None) => {
+                let file = common::devices_file(path)?;
+                self.check(&common::devices(&file, self.rig, self.args.yes)?)?;
+                Ok(Apparatus::Real(file))
+            }
+            (None, Some(material)) => {
+                let brdf = common::mounted(open(material)?, sample.grain_deg);
+                Ok(Apparatus::Simulated(brdf, Box::new(self.config(sample.seed)?)))
+            }
+            (None, None) => Err(common::no_devices()),
+        }
+    }
+
+    /// Compares devices with rig and plan.
+    fn check(&self, bench: &dyn Bench) -> anyhow::Result<()> {
+        check_devices(self.rig, bench, &self.plan.exposures_s(&Timing::of(self.rig)))?;
+        Ok(())
     }
 
     /// Measures a sample into a folder.
     pub fn measured(
         &self,
         sample: &Mounted,
-        brdf: Arc<dyn Brdf>,
-        config: &TwinConfig,
+        apparatus: Apparatus,
         calibration: &CalibrationSet,
-        folder: &RunFolder,
+        folder: RunFolder,
     ) -> anyhow::Result<Measurement> {
-        let mut bench = self.on_time(common::bench(self.rig, config, brdf));
+        let unnamed = || "a sample without a name".to_owned();
+        let simulation = apparatus.config().map(|config| serde_json::to_value(config).expect("plain data"));
+        let (mut bench, folder, is, name): (Box<dyn Bench>, _, _, _) = match apparatus {
+            Apparatus::Simulated(brdf, config) => {
+                let bench = self.on_time(common::bench(self.rig, &config, brdf));
+                (Box::new(bench), folder, sample.simulate.clone().unwrap_or_default(), sample.name.clone())
+            }
+            Apparatus::Real(file) => {
+                let bench = common::devices(&file, self.rig, self.args.yes)?;
+                let folder = folder.holding(DEVICES, file.to_toml());
+                (Box::new(bench), folder, sample.name.clone().unwrap_or_else(unnamed), None)
+            }
+        };
         let provenance = Provenance {
-            sample: sample.simulate.clone().unwrap_or_default(),
-            simulation: Some(serde_json::to_value(config).expect("plain data")),
-            name: sample.name.clone(),
+            sample: is,
+            simulation,
+            name,
             grain_deg: sample.grain_deg,
             started: Some(common::now()),
             merged: Vec::new(),
@@ -198,7 +258,7 @@ impl Session<'_> {
             adviser: Some(&FitAdviser::default()),
         };
         let mut bar = common::frames_bar(sample.name.as_deref().unwrap_or("measure"));
-        Ok(measure(&request, &mut bench, Some(folder), &mut bar)?)
+        Ok(measure(&request, bench.as_mut(), Some(&folder), &mut bar)?)
     }
 
     /// Ends a run on the devices it was begun with.
@@ -212,7 +272,13 @@ impl Session<'_> {
         }
         let bench = |rig: &Rig, record: &RunRecord| -> anyhow::Result<Box<dyn Bench>> {
             let Provenance { simulation, sample, grain_deg, .. } = &record.provenance;
-            let Some(simulation) = simulation else { return Err(common::no_devices()) };
+            let Some(simulation) = simulation else {
+                let path = self.args.devices.clone().unwrap_or_else(|| out.join(DEVICES));
+                return Ok(Box::new(common::devices(&common::devices_file(&path)?, rig, self.args.yes)?));
+            };
+            if self.args.devices.is_some() {
+                return Err(BadUsage("this run was simulated: resume it without --devices".into()).into());
+            }
             let config: TwinConfig = serde_json::from_value(simulation.clone()).with_context(|| {
                 format!("{}: `simulation` is damaged: measure again", out.join("run.json").display())
             })?;

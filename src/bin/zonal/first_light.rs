@@ -1,0 +1,27 @@
+//! `zonal first-light`.
+
+use std::path::PathBuf;
+
+use zonal::devices::{Verdict, first_light};
+
+use crate::common::{self, DevicesFail, Report};
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// Rig file.
+    rig: PathBuf,
+    /// Devices file, as `zonal devices` prints its tables.
+    devices: PathBuf,
+}
+
+pub fn run(args: &Args) -> anyhow::Result<Report> {
+    let rig = common::rig(&args.rig)?;
+    // Whatever is in place will do, if it is white.
+    let bench = common::devices(&common::devices_file(&args.devices)?, &rig, true)?;
+    let found = first_light(&rig, &bench);
+    if !found.is_good() {
+        let failed = found.findings.iter().filter(|f| f.verdict == Verdict::Fails).count();
+        return Err(DevicesFail { failed, all: found.findings.len(), table: found.to_string() }.into());
+    }
+    Ok(Report { text: found.to_string(), json: serde_json::to_value(&found)? })
+}
