@@ -30,7 +30,9 @@ impl GreyImage {
         match bytes {
             [0x89, b'P', b'N', b'G', ..] => png(bytes),
             [b'P', b'5', ..] => pgm(bytes),
-            [] | [0x89] | [b'P'] => Err(GreyError::Unfinished("nothing in it yet".into())),
+            start if b"\x89PNG".starts_with(start) || b"P5".starts_with(start) => {
+                Err(GreyError::Unfinished("nothing in it yet".into()))
+            }
             _ => Err(GreyError::Unusable("it is neither PNG nor binary PGM")),
         }
     }

@@ -1,0 +1,391 @@
+//! V4L2 cameras, on a machine that has vivid's (`bash tests/vm/run.sh device_v4l` starts one): one test at a time.
+#![cfg(all(feature = "vm", feature = "v4l"))]
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use zonal::capture::{Bench, Camera, Clock, Crop, Frame, Triggering, capture_frames};
+use zonal::devices::{DeviceBench, DevicesFile, MonotonicClock, Operator, PixelFormat};
+use zonal::optics::Rig;
+use zonal::patterns::Pattern;
+
+const CAMERA: &str = "/dev/video0";
+/// Exposure time that vivid is said to have.
+const FIXED_S: f64 = 1.0 / 60.0;
+/// Changes of pattern; all thousand with the other thorough tests.
+const CHANGES: usize = if cfg!(feature = "thorough") { 1000 } else { 60 };
+/// From a file in place to a frame of it at vivid's output: four buffers of 33 ms, on a slow machine.
+const LATENCY_S: f64 = 0.5;
+/// Frames of this many seconds are waited for.
+const WAIT_S: f64 = 5.0;
+
+/// Sets controls and formats; the tool is v4l-utils'.
+fn v4l2_ctl(device: &str, arguments: &[&str]) {
+    let output = Command::new("v4l2-ctl").args(["-d", device]).args(arguments).output().expect("v4l2-ctl is needed");
+    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+}
+
+/// vivid's webcam with a picture that does not move.
+fn webcam() {
+    v4l2_ctl(CAMERA, &["-i", "0"]);
+    v4l2_ctl(CAMERA, &["-c", "osd_text_mode=2,test_pattern=3,horizontal_movement=3,vertical_movement=3"]);
+    v4l2_ctl(CAMERA, &["-c", "percentage_of_dropped_buffers=0"]);
+}
+
+fn scratch() -> tempfile::TempDir {
+    tempfile::tempdir_in(std::env::var_os("TMPDIR").map_or("/tmp".into(), PathBuf::from)).unwrap()
+}
+
+/// A bench with this camera, and a folder for a projector.
+fn bench(camera: &str, folder: &Path) -> DeviceBench {
+    let text = format!(
+        "format = 1\n[camera]\ndriver = \"v4l\"\n{camera}\n[projector]\ndriver = \"files\"\nfolder = {folder:?}\n\
+         width_px = 800\nheight_px = 600\nrefresh_hz = 60\nsettle_s = 0.0\n"
+    );
+    let file = DevicesFile::from_toml(&text).unwrap_or_else(|e| panic!("{e}\n{text}"));
+    DeviceBench::new(&file, &rig(), Operator::Gone).unwrap()
+}
+
+fn rig() -> Rig {
+    Rig::from_toml(include_str!("../optics/ghosh-2007-built.toml")).unwrap()
+}
+
+fn vivid(format: &str, width: u32, height: u32, more: &str) -> String {
+    format!(
+        "device = \"{CAMERA}\"\nformat = \"{format}\"\nwidth_px = {width}\nheight_px = {height}\n\
+         fixed_exposure_s = {FIXED_S}\n{more}"
+    )
+}
+
+fn open(camera: &str) -> Box<dyn Camera> {
+    let folder = scratch();
+    bench(camera, folder.path()).camera().open().unwrap()
+}
+
+fn next(camera: &mut dyn Camera) -> Frame {
+    camera.receive(WAIT_S).unwrap().expect("a frame comes in time")
+}
+
+/// A program that goes on until this is dropped.
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// Plays a file of raw Y16 into vivid's HDMI input.
+fn inject(frame: &Path, width: usize, height: usize) -> Running {
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/vm/inject.py");
+    let mut command = Command::new("python3");
+    command.args(["-B", script]).arg(frame).args([width.to_string(), height.to_string()]);
+    let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
+    let mut line = String::new();
+    let mut said = std::io::BufReader::new(child.stdout.take().unwrap());
+    std::io::BufRead::read_line(&mut said, &mut line).unwrap();
+    assert_eq!(line, "connected\n");
+    Running(child)
+}
+
+/// Puts a frame into a file's place in one step.
+fn put(path: &Path, samples: &[u16]) {
+    let part = path.with_extension("part");
+    let bytes: Vec<u8> = samples.iter().flat_map(|s| s.to_le_bytes()).collect();
+    fs::write(&part, bytes).unwrap();
+    fs::rename(&part, path).unwrap();
+}
+
+#[test]
+fn every_bit_of_an_injected_frame_arrives() {
+    let folder = scratch();
+    let path = folder.path().join("frame.raw");
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
+    let samples: Vec<u16> = (0..1360 * 1024).map(|_| rng.random()).collect();
+    put(&path, &samples);
+    let player = inject(&path, 1360, 1024);
+    let mut camera = open(&vivid("Y16", 1360, 1024, ""));
+    camera.start(0).unwrap();
+    let begun = Instant::now();
+    let mut equal = 0;
+    while equal < 5 && begun.elapsed() < Duration::from_secs(20) {
+        let frame = next(camera.as_mut());
+        assert_eq!((frame.width, frame.height, frame.flags.good()), (1360, 1024, true));
+        // Until the player's first frame has arrived, the input shows noise.
+        equal = if frame.samples == samples { equal + 1 } else { 0 };
+    }
+    assert_eq!(equal, 5, "frames differ from what was injected");
+    camera.restore().unwrap();
+    drop(player);
+}
+
+/// The same by hand: low bits of 16, little end first; a mosaic from its first red pixel on.
+fn expected(format: PixelFormat, bytes: &[u8], width: usize, height: usize) -> Vec<u16> {
+    let each = format.container_bits() as usize / 8;
+    assert_eq!(bytes.len(), width * height * each, "{format}");
+    let name = format.to_string();
+    let (left, top) = match name.as_str() {
+        "BA81" | "BG10" | "BG12" | "BYR2" => (1, 1),
+        "GBRG" | "GB10" | "GB12" | "GB16" => (0, 1),
+        "GRBG" | "BA10" | "BA12" | "GR16" => (1, 0),
+        _ => (0, 0),
+    };
+    let (columns, rows) = (width - 2 * left, height - 2 * top);
+    let mut samples = Vec::new();
+    for row in top..top + rows {
+        for column in left..left + columns {
+            let at = (row * width + column) * each;
+            samples.push(if each == 1 { bytes[at].into() } else { u16::from_le_bytes([bytes[at], bytes[at + 1]]) });
+        }
+    }
+    samples
+}
+
+#[test]
+fn every_format_is_what_another_program_reads() {
+    let folder = scratch();
+    let (width, height) = (640, 360);
+    for format in PixelFormat::all() {
+        webcam();
+        let raw = folder.path().join(format.to_string());
+        let fourcc = String::from_utf8(format.fourcc().to_vec()).unwrap();
+        let set = format!("--set-fmt-video=width={width},height={height},pixelformat={fourcc}");
+        let to = format!("--stream-to={}", raw.display());
+        v4l2_ctl(CAMERA, &[&set, "--stream-mmap=4", "--stream-count=1", &to]);
+        let mut camera = open(&vivid(&format.to_string(), width as u32, height as u32, ""));
+        camera.start(0).unwrap();
+        let frame = next(camera.as_mut());
+        assert_eq!([frame.width, frame.height], format.delivered(width, height), "{format}");
+        assert!(frame.samples == expected(format, &fs::read(&raw).unwrap(), width, height), "{format}");
+        assert!(frame.samples.iter().any(|&s| s > 0), "{format}");
+        camera.restore().unwrap();
+    }
+}
+
+#[test]
+fn old_frames_after_a_pause_say_that_they_are_old() {
+    webcam();
+    let mut camera = open(&vivid("GREY", 640, 360, ""));
+    camera.start(100).unwrap();
+    let first = next(camera.as_mut());
+    assert_eq!((first.sequence, first.exposure_s), (100, FIXED_S));
+    let clock = MonotonicClock;
+    let resumed_s = clock.now_s() + 1.0;
+    clock.sleep_until_s(resumed_s);
+    let (mut old, mut last) = (0, first.sequence);
+    loop {
+        let frame = next(camera.as_mut());
+        assert!(frame.timestamp_s <= clock.now_s() && frame.sequence > last);
+        last = frame.sequence;
+        if frame.timestamp_s >= resumed_s {
+            break;
+        }
+        old += 1;
+    }
+    // As many as the kernel has buffers: they are what this is about.
+    assert!((1..=5).contains(&old), "{old} old frames");
+    camera.restore().unwrap();
+}
+
+#[test]
+fn a_camera_that_fell_silent_is_heard_again() {
+    webcam();
+    let mut camera = open(&vivid("GREY", 640, 360, ""));
+    camera.start(0).unwrap();
+    let before = next(camera.as_mut()).sequence;
+    v4l2_ctl(CAMERA, &["-c", "percentage_of_dropped_buffers=100"]);
+    // Frames that are ready already may come first.
+    let silent = (0..10).any(|_| camera.receive(0.5).unwrap().is_none());
+    assert!(silent);
+    assert!(camera.receive(0.2).unwrap().is_none());
+    v4l2_ctl(CAMERA, &["-c", "percentage_of_dropped_buffers=0"]);
+    let after = next(camera.as_mut());
+    assert!(after.sequence > before && after.flags.good(), "{} after {before}", after.sequence);
+    camera.restore().unwrap();
+}
+
+#[test]
+fn a_damaged_frame_is_marked() {
+    webcam();
+    let mut camera = open(&vivid("GREY", 640, 360, ""));
+    camera.start(0).unwrap();
+    assert!(next(camera.as_mut()).flags.good());
+    v4l2_ctl(CAMERA, &["-c", "inject_v4l2_buf_flag_error=1"]);
+    let damaged = (0..20).filter(|_| next(camera.as_mut()).flags.corrupt).count();
+    assert_eq!(damaged, 1);
+    camera.restore().unwrap();
+}
+
+#[test]
+fn a_camera_in_use_says_how_to_find_the_user() {
+    webcam();
+    let settings = vivid("GREY", 640, 360, "");
+    let mut camera = open(&settings);
+    camera.start(0).unwrap();
+    next(camera.as_mut());
+    let folder = scratch();
+    let error = bench(&settings, folder.path()).camera().limits().unwrap_err().to_string();
+    assert!(error.contains("used by another program") && error.contains("fuser -v /dev/video0"), "{error}");
+    camera.restore().unwrap();
+    bench(&settings, folder.path()).camera().limits().unwrap();
+}
+
+#[test]
+fn formats_sizes_and_gains_that_are_not_there_are_listed() {
+    webcam();
+    let folder = scratch();
+    let said = |settings: &str| bench(settings, folder.path()).camera().limits().unwrap_err().to_string();
+    let error = said(&vivid("Y16", 641, 360, ""));
+    assert!(
+        error.contains("no Y16 of 641 x 360") && error.contains("GREY (8 bits)") && error.contains("640 x 360"),
+        "{error}"
+    );
+    let error = said(&vivid("Y16", 640, 360, "gain = 1000"));
+    assert!(error.contains("gains 0..=255, not 1000"), "{error}");
+    let fixed = format!("fixed_exposure_s = {FIXED_S}");
+    let error = said(&vivid("Y16", 640, 360, "").replace(&fixed, ""));
+    assert!(error.contains("exposure") && error.contains("fixed_exposure_s"), "{error}");
+}
+
+#[test]
+fn settings_are_taken_over_and_put_back() {
+    webcam();
+    v4l2_ctl(CAMERA, &["-c", "gain_automatic=1,horizontal_flip=1"]);
+    v4l2_ctl(CAMERA, &["--set-fmt-video=width=1280,height=720,pixelformat=YUYV"]);
+    let value = |name: &str| {
+        let output = Command::new("v4l2-ctl").args(["-d", CAMERA, "-C", name]).output().unwrap();
+        String::from_utf8(output.stdout).unwrap().trim().rsplit(' ').next().unwrap().to_owned()
+    };
+    let mut camera = open(&vivid("GREY", 640, 360, "gain = 77"));
+    assert_eq!(["gain_automatic", "horizontal_flip", "gain"].map(value), ["0", "0", "77"]);
+    camera.restore().unwrap();
+    assert_eq!(["gain_automatic", "horizontal_flip"].map(value), ["1", "1"]);
+    let output = Command::new("v4l2-ctl").args(["-d", CAMERA, "--get-fmt-video"]).output().unwrap();
+    let format = String::from_utf8(output.stdout).unwrap();
+    assert!(format.contains("1280/720") && format.contains("YUYV"), "{format}");
+    v4l2_ctl(CAMERA, &["-c", "gain_automatic=0,horizontal_flip=0"]);
+}
+
+#[test]
+fn no_frame_of_before_a_change_counts_as_one_after_it() {
+    let folder = scratch();
+    let path = folder.path().join("frame.raw");
+    let (width, height) = (640, 480);
+    put(&path, &vec![0; width * height]);
+    let player = inject(&path, width, height);
+    let mut camera = open(&vivid("Y16", width as u32, height as u32, "timestamp = \"end\""));
+    camera.start(0).unwrap();
+    let mut stale = 0;
+    for change in 1..=CHANGES {
+        // A number that neighbours do not share.
+        let code = (change * 257 % 65_536) as u16;
+        put(&path, &vec![code; width * height]);
+        let lit_s = MonotonicClock.now_s() + LATENCY_S;
+        MonotonicClock.sleep_until_s(lit_s);
+        let accepted = loop {
+            let frame = next(camera.as_mut());
+            if frame.timestamp_s >= lit_s && frame.flags.good() {
+                break frame;
+            }
+        };
+        stale += usize::from(accepted.samples.iter().any(|&s| s != code));
+    }
+    assert_eq!(stale, 0, "of {CHANGES}");
+    camera.restore().unwrap();
+    drop(player);
+}
+
+/// Plugs in a camera for the kernel's uvcvideo; its node.
+fn uvc() -> (Running, String) {
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/vm/uvc_camera.py");
+    let child = Command::new("python3").args(["-B", script]).stdout(Stdio::null()).spawn().unwrap();
+    let running = Running(child);
+    let begun = Instant::now();
+    loop {
+        for i in 2..8 {
+            let driver = fs::read_link(format!("/sys/class/video4linux/video{i}/device/driver"));
+            let node = format!("/dev/video{i}");
+            // Of its two nodes the first takes pictures.
+            if driver.is_ok_and(|d| d.ends_with("uvcvideo")) && Path::new(&node).exists() {
+                return (running, node);
+            }
+        }
+        assert!(begun.elapsed() < Duration::from_secs(20), "the camera does not appear");
+        sleep(Duration::from_millis(50));
+    }
+}
+
+#[test]
+fn exposures_of_a_uvc_camera_are_proportional_and_make_a_bracket() {
+    let (_running, node) = uvc();
+    let folder = scratch();
+    let settings = format!(
+        "device = \"{node}\"\nformat = \"Y12\"\nwidth_px = 640\nheight_px = 480\nframe_rate_hz = 30\ngain = 16\n\
+         slows_down = true\n"
+    );
+    let mut bench = bench(&settings, folder.path());
+    let limits = bench.camera().limits().unwrap();
+    assert_eq!((limits.triggering, limits.settling_frames), (Triggering::FreeRunning, 2));
+    assert!((limits.exposure_step_s - 1e-4).abs() < 1e-12 && limits.longest_s > 0.9, "{limits:?}");
+    let mut camera = bench.camera().open().unwrap();
+    camera.start(0).unwrap();
+    let mut rates = Vec::new();
+    for wanted_s in [0.005, 0.01, 0.02, 0.04] {
+        let set_s = camera.set_exposure(wanted_s).unwrap();
+        assert!((set_s - wanted_s).abs() < 1e-9);
+        let frame = loop {
+            let frame = next(camera.as_mut());
+            if frame.exposure_s == set_s {
+                break frame;
+            }
+        };
+        // Up to half of what saturates in the longest.
+        let sum: f64 = frame.samples.chunks(640).flat_map(|row| &row[..200]).map(|&s| f64::from(s)).sum();
+        rates.push(sum / set_s);
+    }
+    assert!(rates.iter().all(|r| (r / rates[0] - 1.0).abs() < 0.01), "{rates:?}");
+    camera.restore().unwrap();
+    drop(camera);
+
+    let mut rig = rig();
+    (rig.camera.width_px, rig.camera.height_px, rig.projector.tag) = (640, 480, false);
+    let exposures_s = [1.0, 2.0, 4.0].map(|n| n / 60.0);
+    let crop = Crop { u0: 0, v0: 0, width: 100, height: 2 };
+    let mut seen = Vec::new();
+    let pattern = Pattern::full(800, 600, 255);
+    capture_frames(&rig, &mut bench, &[pattern.clone(), pattern], &exposures_s, crop, &mut |i, j, taken| {
+        // Whole units of 0.1 ms, as nearly as they can be had.
+        assert!((taken.exposure_s - exposures_s[j]).abs() <= 0.51e-4, "{} s", taken.exposure_s);
+        for (column, &sample) in taken.samples.iter().take(100).enumerate() {
+            let light = 2.0 * column as f64 * taken.exposure_s / 0.01;
+            assert!((f64::from(sample) - light).abs() <= 1.0, "pattern {i}, column {column}: {sample}, not {light}");
+        }
+        seen.push((i, j));
+    })
+    .unwrap();
+    seen.sort_unstable();
+    assert_eq!(seen, [(0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2)]);
+}
+
+/// The last by name: vivid is gone afterwards until it is bound again.
+#[test]
+fn when_it_is_unplugged_the_error_says_how_to_go_on() {
+    webcam();
+    let mut camera = open(&vivid("GREY", 640, 360, ""));
+    camera.start(0).unwrap();
+    next(camera.as_mut());
+    v4l2_ctl(CAMERA, &["-c", "disconnect=1"]);
+    let error = (0..20).find_map(|_| camera.receive(1.0).err()).expect("it is gone").to_string();
+    assert!(error.contains("is gone") && error.contains("resume"), "{error}");
+    assert!(camera.restore().is_err());
+    drop(camera);
+    for act in ["unbind", "bind"] {
+        fs::write(format!("/sys/bus/platform/drivers/vivid/{act}"), "vivid.0").unwrap();
+    }
+}
