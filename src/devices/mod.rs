@@ -16,8 +16,14 @@ mod v4l_formats;
 
 #[cfg(feature = "aravis")]
 mod aravis;
+#[cfg(feature = "aravis")]
+mod aravis_camera;
+#[cfg(any(feature = "kms", feature = "window"))]
+mod display;
 #[cfg(feature = "kms")]
 mod kms;
+#[cfg(feature = "kms")]
+mod kms_output;
 #[cfg(feature = "v4l")]
 mod v4l;
 #[cfg(feature = "v4l")]
@@ -30,6 +36,8 @@ mod v4l_list;
 mod v4l_timing;
 #[cfg(feature = "window")]
 mod window;
+#[cfg(feature = "window")]
+mod window_output;
 
 pub use bench::{DeviceBench, MonotonicClock, Operator};
 pub use error::DevicesError;
