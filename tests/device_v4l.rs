@@ -276,7 +276,7 @@ fn settings_are_taken_over_and_put_back() {
 fn no_frame_of_before_a_change_counts_as_one_after_it() {
     let folder = scratch();
     let path = folder.path().join("frame.raw");
-    let (width, height) = (640, 480);
+    let (width, height) = (1280, 720);
     put(&path, &vec![0; width * height]);
     let player = inject(&path, width, height);
     let mut camera = open(&vivid("Y16", width as u32, height as u32, "timestamp = \"end\""));
