@@ -249,13 +249,13 @@ impl Look<'_> {
         let (bits, zeros) = (self.rig.camera.bits, any.trailing_zeros());
         let (verdict, what) = if low == high {
             (Verdict::Fails, "all alike: is the lens capped?".to_owned())
-        } else if u32::from(high) >> bits != 0 {
-            (Verdict::Fails, format!("more than the {bits} bits of the rig file: correct camera.bits"))
         } else if zeros > 0 {
             (
                 Verdict::Fails,
                 format!("the lowest {zeros} bits are always zero: set `shift = {zeros}` in the devices file"),
             )
+        } else if u32::from(high) >> bits != 0 {
+            (Verdict::Fails, format!("more than the {bits} bits of the rig file: correct camera.bits"))
         } else {
             (Verdict::Good, format!("{bits} bits in the rig file"))
         };
