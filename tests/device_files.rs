@@ -143,7 +143,7 @@ impl Player {
     fn save(&mut self, samples: &[u16], width: usize, height: usize) {
         self.saved += 1;
         let name = format!("IMG_{:05}", self.saved);
-        let bytes = if self.saved % 2 == 0 {
+        let bytes = if self.saved.is_multiple_of(2) {
             let image = image::ImageBuffer::<image::Luma<u16>, _>::from_raw(width as u32, height as u32, samples);
             let mut bytes = std::io::Cursor::new(Vec::new());
             image.unwrap().write_to(&mut bytes, image::ImageFormat::Png).unwrap();
@@ -153,7 +153,7 @@ impl Player {
             bytes.extend(samples.iter().flat_map(|s| s.to_be_bytes()));
             bytes
         };
-        let path = self.frames.join(format!("{name}.{}", if self.saved % 2 == 0 { "PNG" } else { "pgm" }));
+        let path = self.frames.join(format!("{name}.{}", if self.saved.is_multiple_of(2) { "PNG" } else { "pgm" }));
         fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
         fs::write(self.frames.join(format!("{name}.jpg")), "no frame").unwrap();
         fs::write(&path, &bytes).unwrap();

@@ -159,7 +159,7 @@ pub enum Apparatus {
     /// The simulated rig, with the sample in it.
     Simulated(Arc<dyn Brdf>, Box<TwinConfig>),
     /// Real devices.
-    Real(DevicesFile),
+    Real(Box<DevicesFile>),
 }
 
 impl Apparatus {
@@ -203,7 +203,7 @@ impl Session<'_> {
             (Some(path), None) => {
                 let file = common::devices_file(path)?;
                 self.check(&common::devices(&file, self.rig, self.args.yes)?)?;
-                Ok(Apparatus::Real(file))
+                Ok(Apparatus::Real(Box::new(file)))
             }
             (None, Some(material)) => {
                 let brdf = common::mounted(open(material)?, sample.grain_deg);
