@@ -5,18 +5,14 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::device::{Bench, Camera, CameraLimits, Clock, Frame, Projector, ProjectorLimits, Triggering};
+use super::device::{Bench, Camera, CameraLimits, Clock, Frame, Projector, Triggering};
 use super::journal::FrameEntry;
+use super::limits::{check_devices, near};
 use super::tag_reader::{LIGHT_STEP, TagModel, TagReading, Verdict};
 use super::{CaptureError, Crop};
 use crate::optics::Rig;
 use crate::radiometry::{Lamp, Sensor};
 
-/// Relative difference between the exposure asked for and the one set that is still the plan's exposure.
-const EXPOSURE_TOLERANCE: f64 = 1e-3;
-/// ... and at most, where a camera sets exposures in steps: a frame is merged with the time it was taken with, but colours that
-/// a projector shows one after the other are no longer shown equally long.
-const STEPPED_TOLERANCE: f64 = 1e-2;
 /// What a frame may be late beyond its exposure and readout, s.
 const FRAME_SLACK_S: f64 = 0.5;
 /// Frames that may be no good one after the other.
@@ -509,76 +505,6 @@ impl Rejections {
         let reasons: Vec<String> = counts.iter().map(|(n, reason)| format!("{n} {reason}")).collect();
         Err(CaptureError::Rejected { count: self.0.len(), reasons: reasons.join(", ") })
     }
-}
-
-fn near(achieved_s: f64, wanted_s: f64, step_s: f64) -> bool {
-    // Half a step, and what rounding it takes.
-    let nearest = (0.501 * step_s / wanted_s).min(STEPPED_TOLERANCE);
-    // False for NaN.
-    (achieved_s / wanted_s - 1.0).abs() <= EXPOSURE_TOLERANCE.max(nearest)
-}
-
-/// Compares what devices say they can do with a rig and with exposures; nothing is opened for good, nothing moves.
-///
-/// # Errors
-/// [`CaptureError::Limits`]; [`CaptureError::Device`].
-pub fn check_devices(rig: &Rig, bench: &dyn Bench, exposures_s: &[f64]) -> Result<CameraLimits, CaptureError> {
-    let camera = bench.camera().limits()?;
-    let projector = bench.projector().limits()?;
-    check_camera(rig, &camera, exposures_s)?;
-    check_projector(rig, &projector)?;
-    Ok(camera)
-}
-
-fn check_camera(rig: &Rig, limits: &CameraLimits, exposures_s: &[f64]) -> Result<(), CaptureError> {
-    let cannot =
-        |problem, remedy| CaptureError::Limits { device: "camera", name: limits.name.clone(), problem, remedy };
-    let c = &rig.camera;
-    if (limits.width, limits.height) != (c.width_px, c.height_px) {
-        let problem = format!(
-            "delivers {} x {} px, the rig file says {} x {}",
-            limits.width, limits.height, c.width_px, c.height_px
-        );
-        return Err(cannot(problem, "correct camera.width_px and camera.height_px or the camera's mode"));
-    }
-    let (shortest, longest, step_s) = (limits.shortest_s, limits.longest_s, limits.exposure_step_s);
-    // The limits themselves are near where an exposure is rounded to them.
-    let can = |e: f64| near(e.clamp(shortest, longest), e, step_s);
-    if let Some(bad) = exposures_s.iter().find(|&&e| !can(e)) {
-        let problem = format!(
-            "exposes for {:.3}..={:.0} ms, the plan asks for {:.3} ms",
-            1e3 * shortest,
-            1e3 * longest,
-            1e3 * bad
-        );
-        return Err(cannot(problem, "change the plan's exposures"));
-    }
-    let set_s = |e: f64| if step_s > 0.0 { (e / step_s).round() * step_s } else { e };
-    if let Some(bad) = exposures_s.iter().find(|&&e| !near(set_s(e), e, step_s)) {
-        let problem =
-            format!("sets exposures in steps of {:.3} ms, the plan asks for {:.3} ms", 1e3 * step_s, 1e3 * bad);
-        return Err(cannot(problem, "raise shortest_refreshes in the plan's [exposure]"));
-    }
-    Ok(())
-}
-
-fn check_projector(rig: &Rig, limits: &ProjectorLimits) -> Result<(), CaptureError> {
-    let cannot =
-        |problem, remedy| CaptureError::Limits { device: "projector", name: limits.name.clone(), problem, remedy };
-    let p = &rig.projector;
-    if (limits.width, limits.height) != (p.width_px, p.height_px) {
-        let problem = format!(
-            "shows {} x {} px, the rig file says {} x {}",
-            limits.width, limits.height, p.width_px, p.height_px
-        );
-        return Err(cannot(problem, "set its native mode or correct projector.width_px and projector.height_px"));
-    }
-    // Exposures are whole refresh periods: a tenth of a percent is half a refresh of a long exposure.
-    if (limits.refresh_hz / p.refresh_hz - 1.0).abs() > 1e-2 {
-        let problem = format!("refreshes at {} Hz, the rig file says {}", limits.refresh_hz, p.refresh_hz);
-        return Err(cannot(problem, "set the mode's rate or correct projector.refresh_hz"));
-    }
-    Ok(())
 }
 
 /// The sensor's figures as the HDR estimate needs them.

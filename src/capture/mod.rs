@@ -7,6 +7,7 @@ mod engine;
 mod exposer;
 mod free_running;
 mod journal;
+mod limits;
 mod prepare;
 mod response_image;
 mod run_folder;
@@ -19,7 +20,7 @@ use thiserror::Error;
 
 use crate::store::StoreError;
 
-pub use acquisition::{Effort, Rejection, Taken, check_devices, sensor};
+pub use acquisition::{Effort, Rejection, Taken, sensor};
 pub use device::{
     Bench, Camera, CameraFactory, CameraLimits, Clock, Frame, FrameFlags, Placement, Projector, ProjectorFactory,
     ProjectorLimits, Triggering,
@@ -28,6 +29,7 @@ pub use director::{AllSteps, Director};
 pub use engine::{Engine, Progress, Run, RunSummary};
 pub use exposer::{Bracket, Exposer};
 pub use journal::{Journal, JournalEntry, Recorded};
+pub use limits::check_devices;
 pub use response_image::{Crop, ResponseImage, SensorMaps};
 pub use run_folder::{RUN_FORMAT, RunFolder};
 pub use sequence::{KeepFrame, capture_frames, capture_sequence};

@@ -176,7 +176,7 @@ impl Look<'_> {
     }
 
     fn expose(&mut self, exposure_s: f64) -> Result<f64, CaptureError> {
-        let wanted_s = exposure_s.clamp(self.limits.shortest_s, self.limits.longest_s);
+        let wanted_s = exposure_s.max(self.limits.shortest_s).min(self.limits.longest_s);
         self.exposure_s = self.camera.set_exposure(wanted_s)?;
         Ok(self.exposure_s)
     }
