@@ -99,9 +99,9 @@ impl Aravis {
         let name = name_of(device).map_err(said)?;
         let (shortest, longest) = device.exposure_time_bounds().map_err(said)?;
         let step = device.device().and_then(|d| d.float_feature_increment("ExposureTime").ok());
-        let fastest = device.is_frame_rate_available().and_then(|there| {
-            if there { device.frame_rate_bounds().map(|bounds| bounds.1) } else { Ok(f64::NAN) }
-        });
+        let fastest = device
+            .is_frame_rate_available()
+            .and_then(|there| if there { device.frame_rate_bounds().map(|bounds| bounds.1) } else { Ok(f64::NAN) });
         let frame_s = fastest.map_err(said)?.recip();
         let frame_s = if frame_s.is_finite() && frame_s > 0.0 { frame_s } else { UNKNOWN_FRAME_S };
         Ok(CameraLimits {
@@ -158,7 +158,12 @@ fn one(id: &str, protocol: &str) -> Found {
         Ok((None, _)) => {
             Found::unusable(Role::Camera, Driver::Aravis, name, "it has no unpacked grey or Bayer format".into())
         }
-        Err(e) => Found::unusable(Role::Camera, Driver::Aravis, name, format!("{}: does another program use it?", e.message())),
+        Err(e) => Found::unusable(
+            Role::Camera,
+            Driver::Aravis,
+            name,
+            format!("{}: does another program use it?", e.message()),
+        ),
     }
 }
 

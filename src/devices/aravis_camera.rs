@@ -103,7 +103,9 @@ impl AravisCamera {
             former: Some(former),
         };
         let set = camera.configure(settings);
-        set.map_err(|e| failed("set format, size, gain and trigger", format!("{}: change the devices file", e.message())))?;
+        set.map_err(|e| {
+            failed("set format, size, gain and trigger", format!("{}: change the devices file", e.message()))
+        })?;
         camera.check(settings)?;
         Ok(camera)
     }

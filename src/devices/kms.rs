@@ -16,8 +16,8 @@ use crate::capture::{CaptureError, Projector, ProjectorFactory, ProjectorLimits}
 
 /// Where cards are.
 const CARDS: &str = "/dev/dri";
-/// Relative difference of refresh rates that are taken for the same: 59.94 and 60 Hz are not.
-const SAME_RATE: f64 = 5e-4;
+/// Relative difference of refresh rates that are taken for the same: modes of 60 Hz have 59.94 to 60.32. The nearest is chosen.
+const SAME_RATE: f64 = 1e-2;
 
 /// A graphics card's node.
 #[derive(Debug)]
@@ -152,7 +152,7 @@ impl Kms {
         Ok(Chosen { name, connector: connector.handle(), crtc, mode })
     }
 
-    /// The mode that is asked for; of several the preferred one, then the fastest.
+    /// The mode that is asked for; of several the one nearest to the rate, then the preferred one, then the fastest.
     fn mode(&self, modes: &[Mode]) -> Option<Mode> {
         let s = &self.settings;
         let preferred = |mode: &Mode| mode.mode_type().contains(ModeTypeFlags::PREFERRED);

@@ -41,7 +41,8 @@ impl Desktop {
         let shown = name.map_or_else(|| std::env::var("DISPLAY").unwrap_or_default(), str::to_owned);
         let connected = RustConnection::connect(name).map_err(|e| {
             let problem = format!("is no X display that lets you in ({e})");
-            let remedy = "run this on the desktop, or say `display` in the devices file; without a desktop use driver = \"kms\"";
+            let remedy =
+                "run this on the desktop, or say `display` in the devices file; without a desktop use driver = \"kms\"";
             cannot(&format!("display \"{shown}\""), problem, remedy)
         });
         let (connection, screen) = connected?;

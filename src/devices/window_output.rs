@@ -4,8 +4,8 @@
 use x11rb::connection::{Connection, RequestConnection};
 use x11rb::protocol::randr::ConnectionExt as _;
 use x11rb::protocol::xproto::{
-    Blanking, ChangeWindowAttributesAux, ConfigureWindowAux, ConnectionExt as _, CreateGCAux, CreateWindowAux, Exposures,
-    Gcontext, ImageFormat, Pixmap, StackMode, Window as WindowId, WindowClass,
+    Blanking, ChangeWindowAttributesAux, ConfigureWindowAux, ConnectionExt as _, CreateGCAux, CreateWindowAux,
+    Exposures, Gcontext, ImageFormat, Pixmap, StackMode, Window as WindowId, WindowClass,
 };
 use x11rb::wrapper::ConnectionExt as _;
 
@@ -46,8 +46,7 @@ impl WindowOutput {
     pub fn new(desktop: Desktop, monitor: Monitor, refresh_hz: f64, painter: Painter) -> Result<Self, CaptureError> {
         let opened = (|| -> Result<(WindowId, Gcontext), XError> {
             let (c, screen) = (&desktop.connection, desktop.screen());
-            let (window, gc, dot, cursor) =
-                (c.generate_id()?, c.generate_id()?, c.generate_id()?, c.generate_id()?);
+            let (window, gc, dot, cursor) = (c.generate_id()?, c.generate_id()?, c.generate_id()?, c.generate_id()?);
             c.create_pixmap(1, dot, screen.root, 1, 1)?;
             // A cursor whose mask has no pixel.
             let blank = c.generate_id()?;
@@ -57,7 +56,8 @@ impl WindowOutput {
             let look = CreateWindowAux::new().override_redirect(1).background_pixel(screen.black_pixel).cursor(cursor);
             let ((x, y), (width, height)) = (monitor.origin, monitor.size);
             let class = WindowClass::INPUT_OUTPUT;
-            c.create_window(DEPTH, window, screen.root, x, y, width, height, 0, class, screen.root_visual, &look)?.check()?;
+            c.create_window(DEPTH, window, screen.root, x, y, width, height, 0, class, screen.root_visual, &look)?
+                .check()?;
             c.create_gc(gc, window, &CreateGCAux::new().graphics_exposures(0))?;
             c.map_window(window)?;
             c.configure_window(window, &ConfigureWindowAux::new().stack_mode(StackMode::ABOVE))?;

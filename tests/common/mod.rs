@@ -19,7 +19,8 @@ use zonal::geometry::quadrature::polar_about_mirror;
 use zonal::geometry::{Direction, ExitantGrid, Zone};
 use zonal::measure::{MeasureError, Measurement, Provenance, Request, measure};
 use zonal::optics::Rig;
-use zonal::patterns::Plan;
+use zonal::patterns::{Lobes, Pattern, Plan};
+use zonal::radiometry::{FlatField, Response};
 use zonal::reduce::Coefficients;
 use zonal::reflectance::{Brdf, NeuralBrdf, open};
 use zonal::twin::{TwinBench, TwinConfig};
@@ -71,6 +72,15 @@ pub fn measured(
     let request =
         Request { rig, plan, calibration, provenance: &provenance, control: &control, adviser: Some(&adviser) };
     measure(&request, bench, folder, &mut |_, _| ())
+}
+
+/// The frames of a plan, both of each step, for a linear and even projector and without the coded patch.
+pub fn lobe_frames(rig: &Rig, plan: &Plan) -> Vec<Pattern> {
+    let p = &rig.projector;
+    let steps = plan.steps(rig.zone());
+    let lobes = Lobes::new(&rig.projector_map(), rig.zone(), steps, p.width_px, p.height_px).unwrap();
+    let pairs = lobes.encode_all(&Response::linear(), &FlatField::uniform(p.width_px, p.height_px));
+    pairs.into_iter().flat_map(|pair| pair.patterns).collect()
 }
 
 /// A rig with sensor and panel of fewer, larger pixels: what does not depend on their number is tested faster.

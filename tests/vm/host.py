@@ -2,7 +2,7 @@
 """host.py [options] -- COMMAND: runs a shell command in a virtual machine and exits with its status.
 
 What the guest can ask of this side, through the exchange folder (/mnt there):
-    NAME.wanted   a file of this name asks what the display shows; the answer is NAME, a PPM of it
+    NAME.wanted   a file moved to this name asks what the display shows; the answer is NAME, a PPM of it
 Where --twin names a program, the guest can also plug in a camera (tests/vm/uvc_camera.py plug $ZONAL_VM_CAMERA) that looks
 at the display through it: for each frame the program gets a line `EXPOSURE_S WIDTH HEIGHT` and the display's RGB pixels,
 and answers with the sensor's samples, 16 bits each, little-endian.
@@ -143,6 +143,7 @@ def answer(machine, exchange):
 def write_command(exchange, words, variables):
     """The script that the guest runs."""
     inside = {"PATH": os.environ["PATH"], "HOME": "/run", "TMPDIR": "/run/tmp", "ZONAL_VM": "/mnt", "RUST_BACKTRACE": "1", **variables}
+    inside |= {name: value for name, value in os.environ.items() if name.startswith("ZONAL_VM_")}
     exports = "".join(f"export {name}={shlex.quote(value)}\n" for name, value in inside.items())
     (exchange / "command").write_text(f"{exports}cd {shlex.quote(os.getcwd())}\n{' '.join(words)}\n")
 

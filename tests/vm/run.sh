@@ -11,6 +11,9 @@ fail() {
     exit 1
 }
 
+# Those of all tests with devices: one build serves them.
+features=vm,v4l,kms,window,aravis
+
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 cd "$here/../.."
 vm=$PWD/target/vm
@@ -74,8 +77,8 @@ build() {
     for name in "$@"; do
         arguments+=(--test "$name")
     done
-    cargo build --release --locked --features vm,kms,v4l --bin zonal --example twin_camera >&2
-    cargo test --release --locked --features vm,kms,v4l --no-run --message-format=json "${arguments[@]}" |
+    cargo build --release --locked --features "$features" --bin zonal --example twin_camera >&2
+    cargo test --release --locked --features "$features" --no-run --message-format=json "${arguments[@]}" |
         python3 -c '
 import json, sys
 for line in sys.stdin:
@@ -109,5 +112,13 @@ while read -r name path; do
     # One device, one test at a time.
     command+="; echo; echo == $name; '$path' --test-threads=1 || status=1"
 done <<<"$built"
-target=${CARGO_TARGET_DIR:-target}
-exec "${guest[@]}" --twin "$target/release/examples/twin_camera" -- "$command; exit \$status"
+target=${CARGO_TARGET_DIR:-target}/release
+rig=optics/ghosh-2007-built.toml
+calibration=$vm/calibration
+if [[ " ${tests[*]} " == *" device_chain "* ]]; then
+    for kind in response flat-field gray-card; do
+        "$target/zonal" calibrate "$kind" "$rig" --simulate --out "$calibration" >&2
+    done
+fi
+export ZONAL_VM_CALIBRATION=$calibration
+exec "${guest[@]}" --twin "$target/examples/twin_camera $rig gray-card" -- "$command; exit \$status"
