@@ -79,7 +79,7 @@ impl FilesCamera {
         written.map_err(|e| self.failed("ask for a shot", format!("cannot write {}: {e}", path.display())))?;
         if std::io::stderr().is_terminal() {
             let folder = self.settings.folder.display();
-            eprintln!("shot {}: expose {} s and save the frame into {folder}", self.shot, self.exposure_s);
+            eprintln!("shot {}: expose {:.4} s and save the frame into {folder}", self.shot, self.exposure_s);
         }
         Ok(asked_s)
     }
