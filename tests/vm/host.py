@@ -29,12 +29,16 @@ HERE = Path(__file__).resolve().parent
 TIMED_OUT, NO_STATUS = 124, 125
 
 
+def shared(name, folder, more):
+    """QEMU's arguments for a folder that the guest mounts by this name."""
+    return ["-fsdev", f"local,id={name},path={folder},security_model=none{more}", "-device", f"virtio-9p-pci,fsdev={name},mount_tag={name}"]
+
+
 class Machine:
     """QEMU with the guest in it."""
 
     def __init__(self, options, exchange, scratch):
         width, height = options.display.split("x")
-        share = lambda name, path, more: ["-fsdev", f"local,id={name},path={path},security_model=none{more}", "-device", f"virtio-9p-pci,fsdev={name},mount_tag={name}"]
         self.monitor = scratch / "monitor"
         self.console = scratch / "console"
         arguments = [
@@ -44,7 +48,7 @@ class Machine:
             "-append", "console=ttyS0 quiet panic=-1 mitigations=off",
             "-device", f"virtio-gpu-pci,xres={width},yres={height}",
             "-netdev", "user,id=net", "-device", "virtio-net-pci,netdev=net,romfile=",
-            *share("root", "/", ",readonly=on,multidevs=remap"), *share("exchange", exchange, ""),
+            *shared("root", "/", ",readonly=on,multidevs=remap"), *shared("exchange", exchange, ""),
         ]
         self.process = subprocess.Popen(arguments, stdin=subprocess.DEVNULL, start_new_session=True)
         self.lock = threading.Lock()
@@ -93,10 +97,11 @@ class Machine:
 
 def pixels(ppm):
     """Width, height and RGB of a PPM."""
-    kind, width, height, most, data = ppm.split(None, 4) if not ppm.startswith(b"P6\n") else (b"P6", *ppm[3:].split(b"\n", 2)[0].split(), *ppm[3:].split(b"\n", 2)[1:])
+    kind, size, most, data = ppm.split(b"\n", 3)
     if (kind, most) != (b"P6", b"255"):
         raise RuntimeError("the screendump is no PPM of 8 bits")
-    return int(width), int(height), data
+    width, height = map(int, size.split())
+    return width, height, data
 
 
 class Twin:
