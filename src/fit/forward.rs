@@ -5,7 +5,9 @@ use rayon::prelude::*;
 
 use super::Observations;
 use crate::basis::{Harmonics, OrderError};
+use crate::geometry::quadrature::gauss_legendre;
 use crate::geometry::{Direction, ExitantGrid, Fineness, Zone, zone_about_mirror};
+use crate::reduce::EDGE_RING;
 use crate::reflectance::Brdf;
 use crate::reflectance::ggx::schlick;
 
@@ -22,9 +24,10 @@ pub struct Forward {
     constant: f64,
 }
 
-/// Incident directions for one exitant direction at phi_o = 0.
+/// Incident directions for the exitant directions at phi_o = 0 that a ring stands for.
 struct RingNodes {
-    wo: Vector3<f64>,
+    /// Exitant directions, each with the end of its share of `nodes`.
+    wo: Vec<(Vector3<f64>, usize)>,
     nodes: Vec<Node>,
     /// Solid angle times zonal function: `node * terms + term`.
     zonal: Vec<f64>,
@@ -141,14 +144,18 @@ impl Forward {
             .par_iter()
             .map(|&(ring, phi_o)| {
                 let ring = &self.rings[ring];
-                let wo = Direction::new_unchecked(ring.wo).rotated_about_normal(phi_o);
-                let f_cos = brdf.towards(&wo);
                 let mut sums = vec![[0.0; 3]; self.terms];
-                for (node, zonal) in ring.nodes.iter().zip(ring.zonal.chunks_exact(self.terms)) {
-                    let values = f_cos(&Direction::new_unchecked(node.wi).rotated_about_normal(phi_o));
-                    for (sum, z) in sums.iter_mut().zip(zonal) {
-                        sum.iter_mut().zip(values).for_each(|(sum, value)| *sum += z * value);
+                let mut begin = 0;
+                for &(wo, end) in &ring.wo {
+                    let f_cos = brdf.towards(&Direction::new_unchecked(wo).rotated_about_normal(phi_o));
+                    let zonal = ring.zonal[begin * self.terms..end * self.terms].chunks_exact(self.terms);
+                    for (node, zonal) in ring.nodes[begin..end].iter().zip(zonal) {
+                        let values = f_cos(&Direction::new_unchecked(node.wi).rotated_about_normal(phi_o));
+                        for (sum, z) in sums.iter_mut().zip(zonal) {
+                            sum.iter_mut().zip(values).for_each(|(sum, value)| *sum += z * value);
+                        }
                     }
+                    begin = end;
                 }
                 sums
             })
@@ -176,23 +183,42 @@ impl RingNodes {
         folded: bool,
         fineness: Fineness,
     ) -> Self {
-        let theta_o = grid.theta(ring);
-        let wo = Direction::<crate::geometry::Sample>::from_angles(theta_o, 0.0).vector();
-        let mut nodes = Vec::new();
-        let mut zonal = Vec::new();
+        let mut of_ring = Self { wo: Vec::new(), nodes: Vec::new(), zonal: Vec::new() };
         let mut functions = vec![0.0; basis.len()];
         let sides: &[f64] = if folded { &[1.0] } else { &[1.0, -1.0] };
-        // An isotropic shape looks alike on both sides of the plane of wo.
-        let share = 2.0 / sides.len() as f64;
-        for (half, weight) in zone_about_mirror(theta_o, &basis.zone(), fineness) {
-            for side in sides {
-                let wi = Vector3::new(half.x, side * half.y, half.z);
-                basis.eval_direction_into(&Direction::new_unchecked(wi), &mut functions);
-                zonal.extend(terms.iter().map(|&k| share * weight * functions[k]));
-                let h = (wi + wo).normalize();
-                nodes.push(Node { wi, wo, h, schlick: schlick(&wo, &h) });
+        for (theta_o, part) in exitant(grid, ring) {
+            let wo = Direction::<crate::geometry::Sample>::from_angles(theta_o, 0.0).vector();
+            // An isotropic shape looks alike on both sides of the plane of wo.
+            let share = part * 2.0 / sides.len() as f64;
+            for (half, weight) in zone_about_mirror(theta_o, &basis.zone(), fineness) {
+                for side in sides {
+                    let wi = Vector3::new(half.x, side * half.y, half.z);
+                    basis.eval_direction_into(&Direction::new_unchecked(wi), &mut functions);
+                    of_ring.zonal.extend(terms.iter().map(|&k| share * weight * functions[k]));
+                    let h = (wi + wo).normalize();
+                    of_ring.nodes.push(Node { wi, wo, h, schlick: schlick(&wo, &h) });
+                }
             }
+            of_ring.wo.push((wo, of_ring.nodes.len()));
         }
-        Self { wo, nodes, zonal }
+        of_ring
     }
 }
+
+/// Angles, radians, whose values a ring stands for, with their weights: its centre. In the first and the last ring the zone's edge
+/// cuts lobes narrower than a ring, the more the nearer a pixel lies to it: there it is all that the pixels about the centre see.
+fn exitant(grid: &ExitantGrid, ring: usize) -> Vec<(f64, f64)> {
+    let centre = grid.theta(ring);
+    if ring != 0 && ring + 1 != grid.rings() {
+        return vec![(centre, 1.0)];
+    }
+    let half = 0.5 * EDGE_WIDTH * grid.ring_width();
+    let nodes = gauss_legendre(EDGE_NODES, centre - half, centre + half);
+    nodes.into_iter().map(|(theta_o, w)| (theta_o, w / (2.0 * half))).collect()
+}
+
+/// Width over which a ring at the zone's edge is averaged, in rings: pixels whose centres lie within [`EDGE_RING`], and what a
+/// camera's and a projector's own pixels of a fifth and a quarter of a ring add to its variance.
+const EDGE_WIDTH: f64 = 1.14 * EDGE_RING;
+/// Nodes across it.
+const EDGE_NODES: usize = 3;

@@ -11,7 +11,7 @@ use thiserror::Error;
 use crate::basis::OrderError;
 use crate::store::StoreError;
 
-pub use cells::{CellMap, CellResponse};
+pub use cells::{CellMap, CellResponse, EDGE_RING};
 pub use coefficients::{CHANNEL_NAMES, CONVENTION, Coefficients};
 pub use decoder::coefficient_variances;
 pub use reducer::{ChannelScale, Reduced, Reducer};
