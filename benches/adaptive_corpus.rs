@@ -1,9 +1,10 @@
 //! Speed against accuracy on measured materials, on the simulated rig: fixed plans (positive and negative lobes, three exposures),
-//! adaptive runs and the plans that `zonal plan --budget` takes; nine RGL files, neural fits of MERL rows 0, 5, ..., 95 and
+//! adaptive runs, free and as `zonal plan --budget --adaptive` limits them, and the fixed plan that `zonal plan --budget` takes for
+//! 20 s; nine RGL files, neural fits of MERL rows 0, 5, ..., 95 and
 //! every fifth ABC material.
 //!
 //! `ZONAL_CORPUS=... cargo bench --features corpus --bench adaptive_corpus`; `-- --each` lists every run, `-- --every N` takes every
-//! N-th material.
+//! N-th material, `-- --from K` begins with the K-th.
 #![allow(missing_docs)]
 
 #[path = "../tests/common/mod.rs"]
@@ -12,13 +13,16 @@ mod common;
 use std::sync::Arc;
 
 use zonal::fit::{FitMethod, FitOptions, fit};
-use zonal::forecast::{Class, Expected, NoiseModel, best_plan, candidates};
+use zonal::forecast::{Class, Expected, NoiseModel, adaptive_plan, best_plan, candidates};
+use zonal::measure::RunRecord;
 use zonal::patterns::{Adaptive, Plan, Timing};
 use zonal::reduce::Coefficients;
 use zonal::reflectance::{Brdf, Metric, built_in, open};
 use zonal::twin::TwinConfig;
 
 const BUDGETS_S: [f64; 4] = [5.0, 10.0, 20.0, 60.0];
+/// Seconds of the plan that is chosen beforehand.
+const FIXED_S: f64 = 20.0;
 /// Order of the longest fixed plan that 60 s allow.
 const FIXED: usize = 7;
 
@@ -36,27 +40,18 @@ struct Row {
 fn main() {
     let arguments: Vec<String> = std::env::args().collect();
     let has = |flag: &str| arguments.iter().position(|a| a == flag);
-    let every = has("--every").map_or(1, |i| arguments[i + 1].parse().expect("a number"));
+    let number = |flag: &str| has(flag).map(|i| arguments[i + 1].parse::<usize>().expect("a number"));
+    let (every, from) = (number("--every").unwrap_or(1), number("--from").unwrap_or(0));
     let rig = common::rig("ghosh-2007-built");
     let timing = Timing::of(&rig);
     let metric = Metric::new(rig.zone());
     let calibration = common::calibrated(&rig, &TwinConfig::pinhole(1));
     let noise = NoiseModel::new(&rig, &Plan::of_order(2)).unwrap();
-    let budgets = BUDGETS_S.map(|seconds| {
-        let plans = candidates(&Plan::of_order(2), false);
-        (seconds, best_plan(&noise, &timing, plans, seconds, Class::Any).unwrap())
-    });
-    for (seconds, (plan, forecast)) in &budgets {
-        println!(
-            "{seconds} s: {} ({} frames, {:.1} s), error expected {:.3}",
-            plan.name,
-            plan.frames(),
-            forecast.rig_s,
-            forecast.error
-        );
-    }
+    let fixed_plans = candidates(&Plan::of_order(2), false);
+    let (best, forecast) = best_plan(&noise, &timing, fixed_plans, FIXED_S, Class::Any).unwrap();
+    println!("{FIXED_S} s: {} ({} frames, {:.1} s)", best.name, best.frames(), forecast.rig_s);
     let mut rows: Vec<Row> = Vec::new();
-    for (i, (name, truth)) in materials().into_iter().enumerate().filter(|(i, _)| i % every == 0) {
+    for (i, (name, truth)) in materials().into_iter().enumerate().skip(from).step_by(every) {
         let reference = metric.reference(truth.as_ref()).unwrap();
         let config = TwinConfig::pinhole(100 + i as u64);
         let error = |c: &Coefficients, method| {
@@ -77,21 +72,32 @@ fn main() {
             add(format!("fixed {order}"), plan.frames(), rig_s, f64::NAN, error(&known, FitMethod::Auto), f64::NAN);
         }
         add("thesis".into(), 0, 0.0, f64::NAN, error(&fixed.coefficients, FitMethod::Thesis), f64::NAN);
-        let plan = Plan::of_order(10).adapted(Adaptive::default());
-        let run = common::run(&rig, &plan, &config, &calibration, truth.clone());
+        let adapted = |plan: &Plan| {
+            let run = common::run(&rig, plan, &config, &calibration, truth.clone());
+            let model = Expected::of(&run.coefficients).unwrap().model;
+            (run.record, reference.errors(&model).unwrap().mean.overall())
+        };
+        let free = adapted(&Plan::of_order(10).adapted(Adaptive::default()));
+        let mut adaptive = |what: String, (record, found): &(RunRecord, f64)| {
+            let elapsed_s = record.capture.elapsed_s + record.rig_s_items.decision_s;
+            let last = record.decisions.last().expect("one at least");
+            add(format!("{what} {}", record.order), record.frames, record.rig_s, elapsed_s, *found, last.error);
+        };
+        adaptive("adaptive".into(), &free);
+        for seconds in BUDGETS_S {
+            let what = format!("budget {seconds},");
+            // Within the limit it is the same run.
+            if free.0.rig_s - free.0.rig_s_items.decision_s <= seconds {
+                adaptive(what, &free);
+            } else {
+                adaptive(what, &adapted(&adaptive_plan(&Plan::of_order(2), &timing, seconds).unwrap()));
+            }
+        }
+        let run = common::run(&rig, &best, &config, &calibration, truth.clone());
         let expected = Expected::of(&run.coefficients).unwrap();
         let found = reference.errors(&expected.model).unwrap().mean.overall();
-        let record = &run.record;
-        let elapsed_s = record.capture.elapsed_s + record.rig_s_items.decision_s;
-        let last = record.decisions.last().expect("one at least");
-        add(format!("adaptive {}", record.order), record.frames, record.rig_s, elapsed_s, found, last.error);
-        for (seconds, (plan, forecast)) in &budgets {
-            let run = common::run(&rig, plan, &config, &calibration, truth.clone());
-            let expected = Expected::of(&run.coefficients).unwrap();
-            let found = reference.errors(&expected.model).unwrap().mean.overall();
-            let elapsed_s = run.record.capture.elapsed_s;
-            add(format!("budget {seconds}"), plan.frames(), forecast.rig_s, elapsed_s, found, expected.error);
-        }
+        let elapsed_s = run.record.capture.elapsed_s;
+        add(format!("plan {FIXED_S}"), best.frames(), forecast.rig_s, elapsed_s, found, expected.error);
     }
     summary(&rows);
 }
@@ -128,7 +134,7 @@ fn summary(rows: &[Row]) {
     });
     println!("no worse than any fixed plan of as many frames: {} of {}", no_worse.count(), adaptive.len());
     for seconds in BUDGETS_S {
-        let of = named(&format!("budget {seconds}"));
+        let of = named(&format!("budget {seconds},"));
         let rivals: Vec<String> = (0..=FIXED)
             .map(|order| named(&format!("fixed {order}")))
             .filter(|f| f[0].rig_s <= seconds)
@@ -136,11 +142,16 @@ fn summary(rows: &[Row]) {
             .collect();
         println!("budget {seconds} s: {:.4}, fixed plans of that length {}", errors(&of), rivals.join(" "));
     }
-    let foretold: Vec<&Row> = rows.iter().filter(|r| r.expected.is_finite()).collect();
-    let near = foretold.iter().filter(|r| (r.error / r.expected).ln().abs() < 1.5f64.ln()).count();
-    let on_time = foretold.iter().filter(|r| (r.elapsed_s / r.rig_s - 1.0).abs() < 0.05).count();
-    println!(
-        "errors within a factor 1.5 of what was expected: {near} of {}; seconds within 5%: {on_time}",
-        foretold.len()
-    );
+    println!("plan of {FIXED_S} s: {:.4}", errors(&named("plan")));
+    for kind in ["adaptive", "plan"] {
+        let foretold = named(kind);
+        let within = |factor: f64| foretold.iter().filter(|r| (r.error / r.expected).ln().abs() < factor.ln()).count();
+        let on_time = foretold.iter().filter(|r| (r.elapsed_s / r.rig_s - 1.0).abs() < 0.05).count();
+        println!(
+            "{kind}: errors within a factor 1.5 of what was expected {} of {}, within 2 {}; seconds within 5% {on_time}",
+            within(1.5),
+            foretold.len(),
+            within(2.0)
+        );
+    }
 }

@@ -41,6 +41,9 @@ fn plans_are_forecast_and_found_for_a_budget() {
     assert!(last < error(&given));
     let any = said(&zonal(desk.path(), "plan RIG PLAN --budget 10 --any-sample --json"));
     assert_ne!(any["scheme"], "isotropic");
+    let adaptive = said(&zonal(desk.path(), "plan RIG PLAN --budget 10 --adaptive --out adaptive.toml --json"));
+    assert!(adaptive["rig_s"].as_f64().unwrap() < 3.0, "the least it takes: {adaptive}");
+    assert!(fs::read_to_string(desk.path().join("adaptive.toml")).unwrap().contains("limit_s = 10"));
 }
 
 #[test]
@@ -76,6 +79,9 @@ fn bad_requests_are_refused() {
         ("plan RIG PLAN --budget NaN", "above 0"),
         ("plan RIG PLAN --budget 0.01", "larger --budget"),
         ("plan RIG PLAN --out x.toml", "--budget"),
+        ("plan RIG PLAN --adaptive", "--budget"),
+        ("plan RIG PLAN --budget 0.6 --adaptive", "larger --budget"),
+        ("measure RIG PLAN --adaptive --limit 0 --simulate white --out run", "limit_s = 0"),
         ("plan RIG PLAN --class shiny", "glossy"),
         ("plan RIG odd.toml", "even order"),
         ("plan RIG unknown.toml", "hadamard"),

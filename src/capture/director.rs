@@ -2,8 +2,9 @@
 
 /// Says which steps to take, a few at a time.
 pub trait Director {
-    /// Steps to take next; none ends the run. An adaptive director is asked when all before have reached the run's sink.
-    fn next(&mut self) -> Vec<usize>;
+    /// Steps to take next; none ends the run. An adaptive director is asked when all before have reached the run's sink;
+    /// `taken_s` is what they took on the rig, decisions not counted.
+    fn next(&mut self, taken_s: f64) -> Vec<usize>;
 
     /// Whether it looks at what was taken before it says more.
     fn is_adaptive(&self) -> bool;
@@ -27,7 +28,7 @@ impl AllSteps {
 }
 
 impl Director for AllSteps {
-    fn next(&mut self) -> Vec<usize> {
+    fn next(&mut self, _: f64) -> Vec<usize> {
         let first = !std::mem::replace(&mut self.asked, true);
         if first { (0..self.steps).collect() } else { Vec::new() }
     }

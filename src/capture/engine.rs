@@ -219,7 +219,8 @@ impl<'a> Engine<'a> {
     ) -> Result<(), CaptureError> {
         let mut began = (Instant::now(), devices.clock.now_s());
         loop {
-            let steps = run.director.next();
+            let taken = RigTime { decision_s: 0.0, ..session.rig_time };
+            let steps = run.director.next(taken.total_s());
             if steps.is_empty() {
                 return Ok(());
             }

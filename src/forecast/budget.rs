@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::NoiseModel;
 use super::outlook::{Class, Forecast, NoPlan, Outlook};
-use crate::patterns::{ExposureBracket, Plan, Scheme, Timing};
+use crate::patterns::{Adaptive, ExposureBracket, Plan, Scheme, Timing};
 
 /// Highest order of plans that are tried.
 const HIGHEST: usize = 10;
@@ -30,6 +30,18 @@ pub fn candidates(like: &Plan, any_sample: bool) -> Vec<Plan> {
         }
     }
     plans
+}
+
+/// An adaptive plan that stays within `budget_s` seconds on the rig, decisions not counted; exitant directions and colours are those
+/// of `like`.
+///
+/// # Errors
+/// [`NoPlan`] if its first step alone takes longer.
+pub fn adaptive_plan(like: &Plan, timing: &Timing, budget_s: f64) -> Result<Plan, NoPlan> {
+    let adaptive = Adaptive { limit_s: Some(budget_s), ..Adaptive::default() };
+    let plan = Plan { exitant: like.exitant, colour: like.colour, ..Plan::of_order(HIGHEST) }.adapted(adaptive);
+    let least_s = plan.rig_time(timing).total_s();
+    if least_s > budget_s { Err(NoPlan { budget_s, least_s }) } else { Ok(plan) }
 }
 
 /// The plan of at most `budget_s` seconds that is expected to leave the least error for a class; of equals the fastest.

@@ -8,7 +8,7 @@ mod noise;
 mod outlook;
 
 pub use advice::FitAdviser;
-pub use budget::{best_plan, candidates};
+pub use budget::{adaptive_plan, best_plan, candidates};
 pub use expected::Expected;
 pub use learn::{contrast, ideal_coefficients, learn};
 pub use noise::NoiseModel;

@@ -70,6 +70,10 @@ pub(super) struct Adapting<'a> {
     /// Steps that the coefficients are made from.
     pub steps: Vec<usize>,
     images: usize,
+    /// Rig time before the stage under way, s.
+    spent_s: f64,
+    /// Steps of the stage under way.
+    under_way: usize,
     pub decisions: Vec<Decision>,
     /// Why the responses so far say nothing, if they do not.
     pub failure: Option<crate::reduce::ReduceError>,
@@ -78,7 +82,19 @@ pub(super) struct Adapting<'a> {
 impl<'a> Adapting<'a> {
     pub fn new(stages: &'a [Stage], reducer: &'a Mutex<Reducer>, adviser: &'a dyn Adviser, target: Adaptive) -> Self {
         let decisions = Vec::new();
-        Self { stages, reducer, adviser, target, stage: None, steps: Vec::new(), images: 0, decisions, failure: None }
+        Self {
+            stages,
+            reducer,
+            adviser,
+            target,
+            stage: None,
+            steps: Vec::new(),
+            images: 0,
+            spent_s: 0.0,
+            under_way: 0,
+            decisions,
+            failure: None,
+        }
     }
 
     /// Whether the coefficients rest on isotropy.
@@ -89,6 +105,7 @@ impl<'a> Adapting<'a> {
     fn enter(&mut self, stage: usize, steps: Vec<usize>) -> Vec<usize> {
         self.stage = Some(stage);
         self.images += 2 * steps.len();
+        self.under_way = steps.len();
         self.steps.extend(&steps);
         steps
     }
@@ -100,7 +117,7 @@ impl<'a> Adapting<'a> {
 }
 
 impl Director for Adapting<'_> {
-    fn next(&mut self) -> Vec<usize> {
+    fn next(&mut self, taken_s: f64) -> Vec<usize> {
         let Some(stage) = self.stage else { return self.enter(0, self.stages[0].steps.clone().collect()) };
         let reduced = match self.reduced() {
             Ok(reduced) => reduced,
@@ -119,25 +136,37 @@ impl Director for Adapting<'_> {
             next_order: following.map(|s| s.order),
             target: self.target,
         };
-        let (advice, decision) = self.adviser.advise(&so_far);
-        self.decisions.push(Decision { images: self.images, ..decision });
-        match (advice, following) {
-            (Advice::Further, Some(following)) => self.enter(next, following.steps.clone().collect()),
+        let (advice, mut decision) = self.adviser.advise(&so_far);
+        let wanted = match (advice, following) {
+            (Advice::Further, Some(following)) => Some((next, following.steps.clone().collect())),
             (Advice::Functions(wanted), Some(following)) => {
                 // Steps of a stage of pairs are its functions, in order.
                 let first = following.order * following.order;
                 let steps = following.steps.clone().filter(|s| wanted.contains(&(first + s - following.steps.start)));
-                self.enter(next, steps.collect())
+                Some((next, steps.collect::<Vec<usize>>()))
             }
-            (Advice::AnySample, _) => match self.stages.iter().position(|s| !s.isotropic) {
-                Some(first) => {
-                    self.steps.clear();
-                    self.enter(first, self.stages[first].steps.clone().collect())
-                }
-                None => Vec::new(),
-            },
-            _ => Vec::new(),
+            (Advice::AnySample, _) => {
+                let first = self.stages.iter().position(|s| !s.isotropic);
+                first.map(|first| (first, self.stages[first].steps.clone().collect()))
+            }
+            _ => None,
+        };
+        let affordable = wanted.filter(|(_, steps)| {
+            // Another step costs what the last ones did.
+            let ends_s = taken_s + (taken_s - self.spent_s) / self.under_way as f64 * steps.len() as f64;
+            let room = self.target.limit_s.is_none_or(|limit_s| ends_s <= limit_s);
+            if !room {
+                decision.reason += &format!("; it would end after {ends_s:.1} s, beyond the limit");
+            }
+            room
+        });
+        self.decisions.push(Decision { images: self.images, ..decision });
+        let Some((stage, steps)) = affordable else { return Vec::new() };
+        self.spent_s = taken_s;
+        if !self.stages[stage].isotropic && isotropic {
+            self.steps.clear();
         }
+        self.enter(stage, steps)
     }
 
     fn is_adaptive(&self) -> bool {

@@ -58,6 +58,12 @@ pub enum PlanError {
         /// The value found.
         value: f64,
     },
+    /// A limit of time outside its range.
+    #[error("adaptive.limit_s = {value} is out of range: choose 0.5..=3600 seconds")]
+    Limit {
+        /// The value found.
+        value: f64,
+    },
     /// A number outside its range.
     #[error("{key} = {value} is out of range: choose {expected}")]
     Range {
@@ -111,12 +117,15 @@ fn is_pairs(scheme: &Scheme) -> bool {
 pub struct Adaptive {
     /// Share of its error that a further step must be expected to save.
     pub gain_rel: f64,
+    /// Seconds on the rig that are not to be exceeded; the first step is taken in any case.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub limit_s: Option<f64>,
 }
 
 impl Default for Adaptive {
     /// A twentieth: half of what an observer of two renderings could tell.
     fn default() -> Self {
-        Self { gain_rel: 0.05 }
+        Self { gain_rel: 0.05, limit_s: None }
     }
 }
 
@@ -426,6 +435,9 @@ impl Plan {
             Some(_) if !is_pairs(&self.scheme) => return Err(PlanError::Adaptive { key: "scheme" }),
             Some(_) if self.repeats != 1 => return Err(PlanError::Adaptive { key: "repeats" }),
             Some(a) if !(1e-3..=0.5).contains(&a.gain_rel) => return Err(PlanError::Gain { value: a.gain_rel }),
+            Some(Adaptive { limit_s: Some(value), .. }) if !(0.5..=3600.0).contains(&value) => {
+                return Err(PlanError::Limit { value });
+            }
             Some(_) => within("order", self.order as u64, 2, MAX_PLAN_ORDER as u64, "2..=20")?,
             None => drop(self.scheme.step_count(self.order)?),
         }

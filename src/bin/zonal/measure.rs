@@ -92,6 +92,9 @@ pub struct Args {
     /// Share of the error that a further step must be expected to save, with --adaptive [default: 0.05, or the plan's].
     #[arg(long, value_name = "SHARE", requires = "adaptive")]
     pub gain: Option<f64>,
+    /// Seconds on the rig not to be exceeded, with --adaptive; what is always taken is order 2.
+    #[arg(long, value_name = "SECONDS", requires = "adaptive")]
+    pub limit: Option<f64>,
     /// Keep every camera frame as a 16-bit PNG.
     #[arg(long)]
     pub keep_frames: bool,
@@ -106,6 +109,7 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     if args.adaptive {
         let mut adaptive = plan.adaptive.unwrap_or_default();
         adaptive.gain_rel = args.gain.unwrap_or(adaptive.gain_rel);
+        adaptive.limit_s = args.limit.or(adaptive.limit_s);
         plan = plan.adapted(adaptive);
         plan.check().context("--adaptive")?;
     }
