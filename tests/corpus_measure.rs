@@ -44,27 +44,26 @@ fn every_rgl_material_is_measured_to_one_percent() {
     let rig = common::rig("ghosh-2007-built");
     let config = TwinConfig::pinhole(1).noiseless();
     let calibration = common::calibrated(&rig, &config);
-    let plan = Plan::of_order(6);
     let mut files: Vec<_> =
         std::fs::read_dir(common::corpus().join("rgl")).unwrap().map(|f| f.unwrap().path()).collect();
     files.sort();
     assert_eq!(files.len(), 9);
-    for file in files {
+    for (i, file) in files.into_iter().enumerate() {
         let brdf = open(file.to_str().unwrap()).unwrap();
         let started = std::time::Instant::now();
+        // The patterns of lower orders are the first; the highest takes twice the time and is asked of every third.
+        let highest = if i % 3 == 0 { 6 } else { 4 };
+        let plan = Plan::of_order(highest);
         let measured = common::run(&rig, &plan, &config, &calibration, brdf.clone());
         let seconds = started.elapsed().as_secs_f64();
         let truth = truth(brdf.as_ref(), &measured);
         let width = zonal::twin::lobe_width(brdf.as_ref()).to_degrees();
         let tolerance = if width < 2.0 { MIRROR_LIKE } else { TOLERANCE };
-        // The patterns of orders 2 and 4 are the first of those of order 6.
-        let errors = [2, 4, 6].map(|order| error_of_dc(&measured, &truth, order));
+        let orders = (2..=highest).step_by(2);
+        let errors: Vec<f64> = orders.map(|order| error_of_dc(&measured, &truth, order)).collect();
         eprintln!(
-            "{:30} lobe {width:.2} deg: order 2 {:.4}, 4 {:.4}, 6 {:.4}; saturated {:.4}; {seconds:.1} s",
+            "{:30} lobe {width:.2} deg: orders 2, 4 .. {errors:.4?}; saturated {:.4}; {seconds:.1} s",
             file.file_stem().unwrap().to_string_lossy(),
-            errors[0],
-            errors[1],
-            errors[2],
             measured.record.saturated_fraction
         );
         for error in errors {

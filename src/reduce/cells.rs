@@ -53,8 +53,8 @@ const WINDOWS: [[f64; 2]; 4] = [[1.0, 1.0], [1.5, 1.5], [2.0, 2.0], [3.0, 3.0]];
 /// the lobe about the mirror direction: over the whole ring one narrower than that would lose 1 to 3% of z_00, ten times the noise
 /// of a ring.
 pub const EDGE_RING: f64 = 0.5;
-const EDGE_WINDOWS: [[f64; 2]; 7] =
-    [[EDGE_RING, 1.0], [EDGE_RING, 1.5], [EDGE_RING, 2.0], [0.75, 1.0], [0.75, 2.0], [1.0, 2.0], [2.0, 3.0]];
+const EDGE_WINDOWS: [[f64; 2]; 6] = [[EDGE_RING, 1.0], [0.75, 1.0], [1.0, 1.0], [1.5, 1.5], [2.0, 2.0], [3.0, 3.0]];
+
 /// A window will do if its answer has at most this share of one pixel's variance...
 const WORST_NOISE: f64 = 0.6;
 /// ... and at most this many times that of a plain mean.
