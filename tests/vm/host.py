@@ -169,7 +169,7 @@ def main():
     parser.add_argument("--kernel", type=Path, required=True)
     parser.add_argument("--initrd", type=Path, required=True)
     parser.add_argument("--display", default="800x600", help="size of the guest's display")
-    parser.add_argument("--timeout", type=float, default=240.0, help="seconds after which the guest is ended")
+    parser.add_argument("--timeout", type=float, default=600.0, help="seconds after which the guest is ended")
     parser.add_argument("--twin", type=shlex.split, help="the program that turns displayed pixels into camera frames")
     parser.add_argument("command", nargs="+")
     options = parser.parse_args()
