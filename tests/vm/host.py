@@ -31,7 +31,8 @@ TIMED_OUT, NO_STATUS = 124, 125
 
 def shared(name, folder, more):
     """QEMU's arguments for a folder that the guest mounts by this name."""
-    return ["-fsdev", f"local,id={name},path={folder},security_model=none{more}", "-device", f"virtio-9p-pci,fsdev={name},mount_tag={name}"]
+    backend = f"local,id={name},path={folder},security_model=none{more}"
+    return ["-fsdev", backend, "-device", f"virtio-9p-pci,fsdev={name},mount_tag={name}"]
 
 
 class Machine:
@@ -43,7 +44,8 @@ class Machine:
         self.console = scratch / "console"
         arguments = [
             "qemu-system-x86_64", "-machine", "q35", "-accel", "tcg,thread=multi", "-cpu", "max", "-smp", "2", "-m", "1536",
-            "-nodefaults", "-display", "none", "-no-reboot", "-serial", f"file:{self.console}", "-qmp", f"unix:{self.monitor},server=on,wait=off",
+            "-nodefaults", "-display", "none", "-no-reboot",
+            "-serial", f"file:{self.console}", "-qmp", f"unix:{self.monitor},server=on,wait=off",
             "-kernel", str(options.kernel), "-initrd", str(options.initrd),
             "-append", "console=ttyS0 quiet panic=-1 mitigations=off",
             "-device", f"virtio-gpu-pci,xres={width},yres={height}",

@@ -10,7 +10,14 @@ import subprocess
 import sys
 from pathlib import Path
 
-COMPRESSED = {".xz": lzma.decompress, ".zst": lambda data: subprocess.run(["zstd", "-dc"], input=data, stdout=subprocess.PIPE, check=True).stdout, "": bytes}
+
+
+def zstd(data):
+    """Python 3.14 is the first that can do this itself."""
+    return subprocess.run(["zstd", "-dc"], input=data, stdout=subprocess.PIPE, check=True).stdout
+
+
+COMPRESSED = {".xz": lzma.decompress, ".zst": zstd, "": bytes}
 
 
 def named(path):

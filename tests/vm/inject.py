@@ -34,7 +34,9 @@ def connect(width, height):
 
 def play(path, size):
     """Gives the driver the frame for ever; it takes one every 33 ms."""
-    player = subprocess.Popen(["v4l2-ctl", "-d", OUTPUT, "--stream-out-mmap=4", "--stream-from=-"], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    words = ["v4l2-ctl", "-d", OUTPUT, "--stream-out-mmap=3", "--stream-from=-"]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    player = subprocess.Popen(words, stdin=subprocess.PIPE, **quiet)
     shown = frame = None
     while True:
         now = os.stat(path)

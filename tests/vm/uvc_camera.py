@@ -256,8 +256,11 @@ class Ramp:
         key = (exposure_s, gain, fourcc, width, height)
         if self.kept[0] != key:
             row = [min(WHITE, int(2 * column * exposure_s / 0.01 * gain + 0.5)) for column in range(width)]
-            packed = {b"Y12 ": lambda: array.array("H", row), b"Y16 ": lambda: array.array("H", [s << 4 for s in row]), b"Y8  ": lambda: bytes(s >> 4 for s in row)}
-            self.kept = (key, bytes(packed[fourcc]()) * height)
+            if fourcc == b"Y8  ":
+                line = bytes(s >> 4 for s in row)
+            else:
+                line = array.array("H", [s << 4 for s in row] if fourcc == b"Y16 " else row).tobytes()
+            self.kept = (key, line * height)
         return self.kept[1]
 
 
