@@ -82,7 +82,7 @@ impl Driver {
     pub fn needs(self) -> &'static str {
         match self {
             Driver::V4l => "libclang (Debian, Ubuntu: `apt install libclang1-14` or newer) to build, nothing to run",
-            Driver::Aravis => "Aravis 0.8 (Debian, Ubuntu: `apt install libaravis-dev`)",
+            Driver::Aravis => "Aravis 0.8.25 or newer (Debian, Ubuntu: `apt install libaravis-dev libusb-1.0-0-dev`)",
             Driver::Kms | Driver::Window | Driver::Files => "nothing else",
         }
     }
