@@ -53,7 +53,7 @@ fn diffuse_and_satin_samples_stop_at_order_2_and_glossy_ones_go_on() {
         assert!(record.isotropic && record.images == 6, "{name}");
     }
     let mut further = 0;
-    for name in ["blue-acrylic", "violet-acrylic", "specular-violet-phenolic"] {
+    for name in ["maroon-plastic", "purple-paint", "pink-plastic"] {
         let record = run(&plan(10), 2, sgd(name)).record;
         println!("{name}: order {}, {} frames, {:.2} s", record.order, record.frames, record.rig_s);
         further += usize::from(record.order > 2);
