@@ -82,23 +82,25 @@ fn devices_that_do_not_fit_the_rig_are_refused() {
     assert!(!desk.path("out").exists());
 }
 
+/// What a driver says if it is built in, its device not being there, and if not.
+fn said<'a>(built_in: bool, device: &'a str, needs: &'a [&'a str]) -> Vec<&'a str> {
+    if built_in { vec![device] } else { needs.to_vec() }
+}
+
 #[test]
 fn drivers_that_are_not_built_in_say_what_they_need() {
     let desk = Desk::new();
-    let v4l = "driver = \"v4l\"\nformat = \"Y16\"\nwidth_px = 1360\nheight_px = 1024\n";
-    let aravis = "driver = \"aravis\"\npixel_format = \"Mono12\"\nwidth_px = 1360\nheight_px = 1024\n";
-    if !cfg!(feature = "v4l") {
-        desk.refuses(&desk.file(v4l, &desk.projector()), &["--features v4l", "libclang"]);
-    }
-    if !cfg!(feature = "aravis") {
-        desk.refuses(&desk.file(aravis, &desk.projector()), &["--features aravis", "libaravis-dev"]);
-    }
-    if !cfg!(feature = "kms") {
-        desk.refuses(&desk.file(&desk.camera(), "driver = \"kms\""), &["--features kms"]);
-    }
-    if !cfg!(feature = "window") {
-        desk.refuses(&desk.file(&desk.camera(), "driver = \"window\""), &["--features window"]);
-    }
+    let size = "width_px = 1360\nheight_px = 1024\n";
+    let v4l = format!("driver = \"v4l\"\ndevice = \"/dev/none\"\nformat = \"Y16\"\n{size}");
+    let needs = said(cfg!(feature = "v4l"), "/dev/none", &["--features v4l", "libclang"]);
+    desk.refuses(&desk.file(&v4l, &desk.projector()), &needs);
+    let aravis = format!("driver = \"aravis\"\ncamera = \"none-such\"\npixel_format = \"Mono12\"\n{size}");
+    let needs = said(cfg!(feature = "aravis"), "none-such", &["--features aravis", "libaravis-dev"]);
+    desk.refuses(&desk.file(&aravis, &desk.projector()), &needs);
+    let needs = said(cfg!(feature = "kms"), "/dev/dri/none", &["--features kms"]);
+    desk.refuses(&desk.file(&desk.camera(), "driver = \"kms\"\ncard = \"/dev/dri/none\""), &needs);
+    let needs = said(cfg!(feature = "window"), ":99", &["--features window"]);
+    desk.refuses(&desk.file(&desk.camera(), "driver = \"window\"\ndisplay = \":99\""), &needs);
 }
 
 #[test]

@@ -4,10 +4,13 @@ mod common;
 
 use std::collections::HashMap;
 use std::path::Path;
-use std::sync::LazyLock;
+use std::sync::{Arc, LazyLock};
 
 use zonal::calibrate::CalibrationSet;
-use zonal::capture::{Bench, CaptureError, Control, RunFolder};
+use zonal::capture::{
+    Bench, Camera, CameraFactory, CameraLimits, CaptureError, Clock, Control, Frame, Placement, ProjectorFactory,
+    RunFolder,
+};
 use zonal::measure::{MeasureError, Measurement, RunRecord, resume};
 use zonal::optics::Rig;
 use zonal::patterns::{Exitant, ExposureBracket, Plan};
@@ -161,6 +164,79 @@ fn a_run_can_be_paused_stopped_and_resumed() {
 const UNSEEN: f64 = 0.005;
 
 /// Delays, repeats, losses and late changes at random.
+/// The simulated devices; the camera's trigger returns a while after the exposure has begun.
+struct SlowTrigger(TwinBench);
+
+impl Bench for SlowTrigger {
+    fn camera(&self) -> &dyn CameraFactory {
+        self
+    }
+
+    fn projector(&self) -> &dyn ProjectorFactory {
+        self.0.projector()
+    }
+
+    fn clock(&self) -> Arc<dyn Clock> {
+        self.0.clock()
+    }
+
+    fn place(&mut self, what: Placement) -> Result<(), CaptureError> {
+        self.0.place(what)
+    }
+}
+
+impl CameraFactory for SlowTrigger {
+    fn limits(&self) -> Result<CameraLimits, CaptureError> {
+        self.0.camera().limits()
+    }
+
+    fn open(&self) -> Result<Box<dyn Camera>, CaptureError> {
+        Ok(Box::new(SlowCamera(self.0.camera().open()?, self.0.clock())))
+    }
+}
+
+struct SlowCamera(Box<dyn Camera>, Arc<dyn Clock>);
+
+impl Camera for SlowCamera {
+    fn set_exposure(&mut self, exposure_s: f64) -> Result<f64, CaptureError> {
+        self.0.set_exposure(exposure_s)
+    }
+
+    fn set_gain(&mut self, gain: f64) -> Result<f64, CaptureError> {
+        self.0.set_gain(gain)
+    }
+
+    fn start(&mut self, first: u64) -> Result<(), CaptureError> {
+        self.0.start(first)
+    }
+
+    fn trigger(&mut self) -> Result<(), CaptureError> {
+        self.0.trigger()?;
+        self.1.sleep_until_s(self.1.now_s() + 2e-3);
+        Ok(())
+    }
+
+    fn receive(&mut self, timeout_s: f64) -> Result<Option<Frame>, CaptureError> {
+        self.0.receive(timeout_s)
+    }
+
+    fn restore(&mut self) -> Result<(), CaptureError> {
+        self.0.restore()
+    }
+}
+
+/// Without a patch frames are judged by their time; one that begins with its trigger is not too early.
+#[test]
+fn a_slow_trigger_costs_no_frame() {
+    let mut rig = COARSE.clone();
+    rig.projector.tag = false;
+    let calibration = common::calibrated(&rig, &TwinConfig::pinhole(1));
+    let inner = TwinBench::new(&rig, TwinConfig::pinhole(3), open("red-plastic").unwrap());
+    let measured = common::measured(&rig, &plan(0), &mut SlowTrigger(inner), &calibration, None).unwrap();
+    let capture = &measured.record.capture;
+    assert!(!capture.tagged && capture.rejected == 0, "{capture:?}");
+}
+
 fn shuffled(frames: usize, free_running: bool) {
     let mut plan = Plan {
         exposure: Some(ExposureBracket { count: 4, shortest_refreshes: 2, spacing: 2 }),

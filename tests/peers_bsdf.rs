@@ -134,7 +134,7 @@ fn case(name: &str, brdf: &dyn Brdf, file: &Path) -> Value {
         "p95": if isotropic { P95 } else { ANISOTROPIC_P95 },
         "lobe_p95": if name == "mixture of violet-acrylic" { MANY_LOBES_P95 } else { LOBE_P95 },
         "albedo": match name {
-            "two lobes" | "d-brdf of ggx-0.4" => TWO_LOBES_ALBEDO,
+            "two lobes" | "d-brdf of ggx-0.4" | "mixture of violet-acrylic" => TWO_LOBES_ALBEDO,
             _ if isotropic => ALBEDO,
             _ => ANISOTROPIC_ALBEDO,
         },

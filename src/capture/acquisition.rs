@@ -225,18 +225,21 @@ impl<'a> Acquisition<'a> {
         Ok(())
     }
 
-    /// Triggers a frame at `start_s` at the earliest and returns when its exposure has ended, with the time it began.
+    /// Triggers a frame at `start_s` at the earliest and returns when its exposure has ended, with a time before which it
+    /// did not begin.
     pub fn expose(&mut self, start_s: f64) -> Result<f64, CaptureError> {
         let start_s = start_s.max(self.ready_s);
-        self.timed(|a| {
+        let triggered_s = self.timed(|a| {
             a.clock.sleep_until_s(start_s);
-            a.camera.trigger()
+            let now_s = a.clock.now_s();
+            a.camera.trigger().map(|()| now_s)
         })?;
-        let began_s = self.clock.now_s();
-        self.ready_s = began_s + self.frame_time_s(self.exposure_s);
-        let end_s = began_s + self.exposure_s;
+        // While the trigger was on its way the exposure may have begun, or not yet.
+        let begun_s = self.clock.now_s();
+        self.ready_s = begun_s + self.frame_time_s(self.exposure_s);
+        let end_s = begun_s + self.exposure_s;
         self.timed(|a| a.clock.sleep_until_s(end_s));
-        Ok(began_s)
+        Ok(triggered_s)
     }
 
     /// The next frame, whatever it shows; `None` if none came in time.
@@ -301,7 +304,7 @@ impl<'a> Acquisition<'a> {
             loop {
                 self.show(index)?;
                 self.set_exposure(exposure_s)?;
-                let began_s = self.expose(self.lit_s())?;
+                let triggered_s = self.expose(self.lit_s())?;
                 let ahead = next.filter(|_| self.eager && j + 1 == exposures_s.len());
                 if let Some(next) = ahead {
                     self.show(next)?;
@@ -314,7 +317,7 @@ impl<'a> Acquisition<'a> {
                         break None;
                     };
                     let sequence = Some(received.sequence);
-                    match self.judge(received, index, exposure_s, began_s) {
+                    match self.judge(received, index, exposure_s, triggered_s) {
                         Ok(accepted) => break Some(accepted),
                         Err(reason) => {
                             // It may have seen the next pattern: from now on that waits for the frame.

@@ -251,6 +251,21 @@ fn turned(m: &Matrix3<f64>, v: [Lanes; 3], back: bool) -> [Lanes; 3] {
     [row(0), row(1), row(2)]
 }
 
+/// 1 / x of each by one division: what takes longest.
+#[inline(always)]
+fn inverses<const N: usize>(x: [Lanes; N]) -> [Lanes; N] {
+    let mut before = [Lanes::all(1.0); N];
+    for i in 1..N {
+        before[i] = before[i - 1] * x[i - 1];
+    }
+    let mut rest = 1.0 / (before[N - 1] * x[N - 1]);
+    for i in (0..N).rev() {
+        before[i] = rest * before[i];
+        rest = rest * x[i];
+    }
+    before
+}
+
 #[inline(always)]
 fn less(a: [Lanes; 3], b: &Vector3<f64>) -> [Lanes; 3] {
     [a[0] - b.x, a[1] - b.y, a[2] - b.z]
@@ -273,12 +288,13 @@ fn follow(c: &Constants, origin: [Lanes; 3], direction: [Lanes; 3]) -> Followed 
     let b = o[0] * e[0] + o[1] * e[1] - c.radius * dq + c.k * q * dq;
     let cc = o[0] * o[0] + o[1] * o[1] - 2.0 * c.radius * q + c.k * q * q;
     let root = (b * b - a * cc).sqrt();
-    let w = Lanes::each(|i| -(b.0[i] + root.0[i].copysign(b.0[i])));
-    let (t0, t1) = (cc / w, w / a);
-    let t = Lanes::each(|i| {
-        let valid = |t: f64| if t > 0.0 && q.0[i] + t * dq.0[i] > -1e-9 { t } else { f64::INFINITY };
-        valid(t0.0[i]).min(valid(t1.0[i]))
-    });
+    let w = -(b + Lanes::each(|i| root.0[i].copysign(b.0[i])));
+    let [per_a, per_w] = inverses([a, w]);
+    let (t0, t1) = (cc * per_w, w * per_a);
+    let (q0, q1) = (q + t0 * dq, q + t1 * dq);
+    // Without short circuits, which vectors do not have.
+    let valid = |t: f64, q: f64| if (t > 0.0) & (q > -1e-9) { t } else { f64::INFINITY };
+    let t = Lanes::each(|i| valid(t0.0[i], q0.0[i]).min(valid(t1.0[i], q1.0[i])));
     let p = along(o, e, t);
     let n = [p[0], p[1], c.radius - c.k * (c.vertex - p[2])];
     let turn = -2.0 * dot(e, n) / dot(n, n);
@@ -299,15 +315,15 @@ fn follow(c: &Constants, origin: [Lanes; 3], direction: [Lanes; 3]) -> Followed 
         let x = along(o, d, t);
         let r2 = x[0] * x[0] + x[1] * x[1];
         let (r, to_sample) = (r2.sqrt(), (r2 + x[2] * x[2]).sqrt());
-        let per_r = 1.0 / r;
-        let sag = rho * rho / (c.radius + (c.radius * c.radius - c.k * rho * rho).sqrt());
-        let height = c.vertex - sag;
-        let per_n = 1.0 / (c.radius - c.k * sag);
+        // The normal's part along the axis: radius - k sag.
+        let n = (c.radius * c.radius - c.k * rho * rho).sqrt();
+        let [per_n, per_sum] = inverses([n, c.radius + n]);
+        let height = c.vertex - rho * rho * per_sum;
         let tan_beta = rho * per_n;
         let bend = (1.0 + c.k * tan_beta * tan_beta) * per_n;
         let (a_z, b_r, b_z) = (height - c.centre, r - rho, x[2] - height);
         let (a, b) = ((rho * rho + a_z * a_z).sqrt(), (b_r * b_r + b_z * b_z).sqrt());
-        let (per_a, per_b, per_x) = (1.0 / a, 1.0 / b, 1.0 / to_sample);
+        let [per_a, per_b, per_r, per_x] = inverses([a, b, r, to_sample]);
         let (u_r, u_z) = (b_r * per_b, b_z * per_b);
         let (along_a, along_b) = ((rho - a_z * tan_beta) * per_a, u_r - u_z * tan_beta);
         let p2 = 1.0 + tan_beta * tan_beta;

@@ -55,7 +55,7 @@ impl TagLayout {
     pub fn of(rig: &Rig) -> Option<Self> {
         let mirrors = rig.mirrors();
         let (projector, camera) = (rig.projector.lens(), rig.camera.lens());
-        let edge = mirrors.edge_radius();
+        let edge = rig.paraboloid_radius_mm();
         let reach_px = projector.focal_px * edge / (mirrors.centre().z - mirrors.convex().height(edge)) * CLEARANCE;
         let (width, height) = (rig.projector.width_px, rig.projector.height_px);
         let side = height.min(width) / CELLS_ACROSS;

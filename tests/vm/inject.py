@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""inject.py FRAME WIDTH HEIGHT: vivid's output plays FRAME, raw Y16, into vivid's HDMI input at 30 Hz, again and again.
+"""inject.py FRAME WIDTH HEIGHT FOURCC: vivid's output plays FRAME, raw samples, into vivid's HDMI input at 30 Hz, again and again.
 
 Runs until it is ended. A file that is moved to FRAME's place is shown from the next frame on. `/dev/video0` is then a camera
 that delivers the frame to the last bit. Needs vivid with an output node, and v4l2-ctl.
@@ -17,10 +17,10 @@ def tell(device, *options):
     subprocess.run(["v4l2-ctl", "-d", device, *options], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
-def connect(width, height):
+def connect(width, height, fourcc):
     """Loops the output to the input, both with the same timings: nothing follows by itself."""
     timings = f"cvt,width={width},height={height},fps=30"
-    picture = f"width={width},height={height},pixelformat=Y16 "
+    picture = f"width={width},height={height},pixelformat={fourcc}"
     tell(OUTPUT, "-o", str(HDMI_OUTPUT), "--set-dv-bt-timings", timings)
     tell(OUTPUT, f"--set-fmt-video-out={picture}")
     tell(CAMERA, "-i", str(HDMI_INPUT), "-c", "osd_text_mode=2")
@@ -32,8 +32,9 @@ def connect(width, height):
     tell(CAMERA, f"--set-fmt-video={picture}")
 
 
-def play(path, size):
-    """Gives the driver the frame for ever; it takes one every 33 ms."""
+def play(path):
+    """Gives the driver the frame for ever; it takes one every 33 ms. Frames that follow must have the first one's size."""
+    size = os.path.getsize(path)
     words = ["v4l2-ctl", "-d", OUTPUT, "--stream-out-mmap=3", "--stream-from=-"]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     player = subprocess.Popen(words, stdin=subprocess.PIPE, **quiet)
@@ -50,10 +51,10 @@ def play(path, size):
 
 
 def main():
-    path, width, height = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
-    connect(width, height)
+    path, width, height, fourcc = sys.argv[1:]
+    connect(width, height, fourcc)
     print("connected", flush=True)
-    play(path, 2 * width * height)
+    play(path)
 
 
 main()
