@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use zonal::design::Values;
 use zonal::optics::{Beam, Device, Misaligned, Misalignment, Objective, Rig};
+use zonal::patterns::TagLayout;
 
 fn folder() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("optics")
@@ -52,6 +53,15 @@ fn the_rig_found_is_better_throughout() {
 fn the_search_starts_from_the_thesis_rig() {
     let start = Rig { search: None, ..rig("ghosh-2007-search.toml") };
     assert_eq!(start, rig("ghosh-2007-built.toml"));
+}
+
+/// The coded patch of rigs that can be built; the mirror's edge is the trimmed one.
+#[test]
+fn the_patch_has_room_beside_the_image() {
+    for name in ["ghosh-2007-built.toml", "ghosh-2007-seed-projector.toml", "ghosh-2007-searched.toml"] {
+        let layout = TagLayout::of(&rig(name)).unwrap_or_else(|| panic!("{name} has no room"));
+        assert!(layout.codes() >= 16, "{name}: {} codes", layout.codes());
+    }
 }
 
 /// The design rule by traced rays: footprints of the camera lie in those of the projector for all pairs of directions, on a

@@ -72,7 +72,7 @@ unpack_kernel() {
     echo "$kernel"
 }
 
-# Builds tests and what they run. Prints a line `NAME PATH` for each.
+# Builds tests and what they run. Prints a line `NAME PATH` for each, in their order: the chain leaves its camera plugged in.
 build() {
     local arguments=() name
     for name in "$@"; do
@@ -82,10 +82,13 @@ build() {
     cargo test --release --locked --features "$features" --no-run --message-format=json "${arguments[@]}" |
         python3 -c '
 import json, sys
+paths = {}
 for line in sys.stdin:
     message = json.loads(line)
     if message.get("executable") and message["target"]["kind"] == ["test"]:
-        print(message["target"]["name"], message["executable"])'
+        paths[message["target"]["name"]] = message["executable"]
+for name in sys.argv[1:]:
+    print(name, paths[name])' "$@"
 }
 
 [[ $(uname -m) == x86_64 ]] || fail "this machine is no x86_64: the guest's programs are built for it"
@@ -111,7 +114,7 @@ command='status=0'
 while read -r name path; do
     [[ -n $name ]] || fail "no test was built"
     # One device, one test at a time.
-    command+="; echo; echo == $name; '$path' --ignored --test-threads=1 || status=1"
+    command+="; echo; echo == $name; '$path' --ignored --show-output --test-threads=1 || status=1"
 done <<<"$built"
 target=${CARGO_TARGET_DIR:-target}/release
 rig=optics/ghosh-2007-built.toml
