@@ -149,7 +149,7 @@ fn raised_samples_are_lit_as_far_as_the_rule_says() {
         let seen = |config: &TwinConfig, brdf: &dyn Brdf| coefficients(&rig, config, brdf, 2, &exitant, &QUICK);
         let pinhole = [seen(&aligned(NONE, 0.0), card.as_ref()), seen(&aligned(NONE, 0.0), glossy.as_ref())];
         println!("{}\n  dz, mm   gray card    unlit   ggx-0.1", rig.name);
-        for height in [0.05, 0.1, 0.2, 0.3, 2.0] {
+        for height in [0.05, 0.1, 0.2, 0.3] {
             let finite = aligned(FiniteOptics::all(), height);
             let all_lit = aligned(FiniteOptics { footprints: false, ..FiniteOptics::all() }, height);
             let (z, lit) = (seen(&finite, card.as_ref()), seen(&all_lit, card.as_ref()));
