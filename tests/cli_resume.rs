@@ -18,7 +18,7 @@ use zonal::patterns::{Exitant, Plan};
 use zonal::reduce::Coefficients;
 
 /// All hundred with the other thorough tests, a sample of them always.
-const KILLS: usize = if cfg!(feature = "thorough") { 24 } else { 8 };
+const KILLS: usize = if cfg!(feature = "thorough") { 16 } else { 8 };
 
 /// A reduced rig, its calibrations, a plan of order 2 and a run that nothing disturbed.
 struct Bench {
