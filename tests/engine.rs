@@ -163,7 +163,6 @@ fn a_run_can_be_paused_stopped_and_resumed() {
 /// read in an exposure of two refresh periods.
 const UNSEEN: f64 = 0.005;
 
-/// Delays, repeats, losses and late changes at random.
 /// The simulated devices; the camera's trigger returns a while after the exposure has begun.
 struct SlowTrigger(TwinBench);
 
@@ -237,6 +236,7 @@ fn a_slow_trigger_costs_no_frame() {
     assert!(!capture.tagged && capture.rejected == 0, "{capture:?}");
 }
 
+/// Delays, repeats, losses and late changes at random.
 fn shuffled(frames: usize, free_running: bool) {
     let mut plan = Plan {
         exposure: Some(ExposureBracket { count: 4, shortest_refreshes: 2, spacing: 2 }),
