@@ -4,7 +4,8 @@
 //! every fifth ABC material.
 //!
 //! `ZONAL_CORPUS=... cargo bench --features corpus --bench adaptive_corpus`; `-- --each` lists every run, `-- --every N` takes every
-//! N-th material, `-- --from K` begins with the K-th.
+//! N-th material, `-- --from K` begins with the K-th. `-- --seeds N` repeats the plan of 20 s alone, N times with other noise, and
+//! tells how well its error could be foretold by somebody who knew how such errors are distributed.
 #![allow(missing_docs)]
 
 #[path = "../tests/common/mod.rs"]
@@ -50,8 +51,22 @@ fn main() {
     let fixed_plans = candidates(&Plan::of_order(2), false);
     let (best, forecast) = best_plan(&noise, &timing, fixed_plans, FIXED_S, Class::Any).unwrap();
     println!("{FIXED_S} s: {} ({} frames, {:.1} s)", best.name, best.frames(), forecast.rig_s);
+    let chosen = materials().into_iter().enumerate().skip(from).step_by(every);
+    if let Some(seeds) = number("--seeds") {
+        let repeated = chosen.map(|(i, (name, truth))| {
+            let reference = metric.reference(truth.as_ref()).unwrap();
+            let runs = (0..seeds as u64).map(|seed| {
+                let config = TwinConfig::pinhole(1000 * (seed + 1) + i as u64);
+                let run = common::run(&rig, &best, &config, &calibration, truth.clone());
+                let expected = Expected::of(&run.coefficients).unwrap();
+                (reference.errors(&expected.model).unwrap().mean.overall(), expected.error)
+            });
+            (name, runs.collect())
+        });
+        return foretellable(repeated);
+    }
     let mut rows: Vec<Row> = Vec::new();
-    for (i, (name, truth)) in materials().into_iter().enumerate().skip(from).step_by(every) {
+    for (i, (name, truth)) in chosen {
         let reference = metric.reference(truth.as_ref()).unwrap();
         let config = TwinConfig::pinhole(100 + i as u64);
         let error = |c: &Coefficients, method| {
@@ -106,6 +121,35 @@ fn materials() -> Vec<(String, Arc<dyn Brdf>)> {
     let abc = built_in().into_iter().filter(|m| m.family == "abc").step_by(5);
     let abc = abc.map(|m| (format!("abc-{}", m.name), open(&m.name).unwrap()));
     common::measured_materials().into_iter().chain(abc).collect()
+}
+
+/// Prints how many of the errors found lie within a factor 1.5 of what was expected, of the geometric mean of the material's other
+/// runs, and of the number that covers most of them: what nobody can do better who does not know the noise itself.
+fn foretellable(repeated: impl Iterator<Item = (String, Vec<(f64, f64)>)>) {
+    let within = |found: f64, expected: f64| usize::from((found / expected).ln().abs() < 1.5f64.ln());
+    let mut sums = [("abc", [0; 4]), ("others", [0; 4])];
+    for (name, runs) in repeated {
+        let found: Vec<f64> = runs.iter().map(|r| r.0).collect();
+        let mean = found.iter().map(|f| f.ln()).sum::<f64>() / found.len() as f64;
+        let others = |f: f64| ((mean * found.len() as f64 - f.ln()) / (found.len() - 1) as f64).exp();
+        let covered = |low: &f64| found.iter().filter(|&f| f >= low && *f < 1.5f64.powi(2) * low).count();
+        let counts = [
+            runs.iter().map(|&(f, e)| within(f, e)).sum(),
+            found.iter().map(|&f| within(f, others(f))).sum(),
+            found.iter().map(covered).max().unwrap_or(0),
+            found.len(),
+        ];
+        let expected: Vec<String> = runs.iter().map(|r| format!("{:.5}:{:.5}", r.0, r.1)).collect();
+        println!("{name}\t{}\t{counts:?}", expected.join(" "));
+        let sum = &mut sums[usize::from(!name.starts_with("abc"))].1;
+        sum.iter_mut().zip(counts).for_each(|(s, c)| *s += c);
+    }
+    for (what, [expected, others, covered, runs]) in sums {
+        println!(
+            "{what}: within a factor 1.5 of what was expected {expected} of {runs} runs, of the geometric mean of the material's \
+             other runs {others}, of the best number for each material {covered}"
+        );
+    }
 }
 
 fn summary(rows: &[Row]) {

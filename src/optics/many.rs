@@ -4,12 +4,11 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
+use super::Conic;
 use super::placed::{CONVERGED_MM, PlacedMirrors};
 
-/// Rays whose coordinates lie side by side.
-const BLOCK: usize = 64;
 /// Rays one core takes at a time.
-const SHARE: usize = 4096;
+const SHARE: usize = 1024;
 /// Newton steps that rays of any pupil of a rig need; what they do not suffice for is followed alone.
 const STEPS: usize = 3;
 
@@ -46,17 +45,7 @@ impl PlacedMirrors {
         let constants = Constants::new(self);
         let arch = Arch::new();
         out.par_chunks_mut(SHARE).zip(rays.par_chunks(SHARE)).for_each(|(out, rays)| {
-            for (out, rays) in out.chunks_mut(BLOCK).zip(rays.chunks(BLOCK)) {
-                let mut block = Block::new(rays);
-                arch.dispatch(Following { block: &mut block, constants: &constants });
-                for (i, (out, ray)) in out.iter_mut().zip(rays).enumerate() {
-                    *out = if self.figure.is_none() && block.last_step[i] < CONVERGED_MM {
-                        block.leaving(i)
-                    } else {
-                        self.leaving(ray)
-                    };
-                }
-            }
+            arch.dispatch(Following { placed: self, constants: &constants, rays, out });
         });
     }
 
@@ -79,69 +68,23 @@ struct Constants {
     convex: (Matrix3<f64>, Vector3<f64>),
     /// Rig to dome.
     dome: (Matrix3<f64>, Vector3<f64>),
-    vertex: f64,
-    radius: f64,
-    /// 1 + kappa.
-    k: f64,
+    mirror: Conic,
+    /// The dome where it is one.
+    ellipsoid: Option<Conic>,
     centre: f64,
     length: f64,
 }
 
 impl Constants {
     fn new(placed: &PlacedMirrors) -> Self {
-        let (mirrors, convex) = (&placed.mirrors, placed.mirrors.convex());
+        let mirrors = &placed.mirrors;
         Self {
             convex: placed.convex.inside(),
             dome: placed.dome.inside(),
-            vertex: convex.vertex_height,
-            radius: convex.radius,
-            k: 1.0 + convex.constant,
+            mirror: *mirrors.convex(),
+            ellipsoid: mirrors.ellipsoid(),
             centre: mirrors.centre().z,
             length: mirrors.path_length(),
-        }
-    }
-}
-
-type Column = [f64; BLOCK];
-
-/// Coordinates side by side: of origins and directions first, of points of the dome and ways out afterwards.
-struct Block {
-    p: [Column; 3],
-    d: [Column; 3],
-    rho: Column,
-    /// The larger of the last steps along ray and meridian, mm.
-    last_step: Column,
-}
-
-impl Block {
-    fn new(rays: &[Ray]) -> Self {
-        let mut block =
-            Self { p: [[0.0; BLOCK]; 3], d: [[0.0; BLOCK]; 3], rho: [0.0; BLOCK], last_step: [f64::INFINITY; BLOCK] };
-        for (i, ray) in rays.iter().enumerate() {
-            for axis in 0..3 {
-                block.p[axis][i] = ray.origin[axis];
-                block.d[axis][i] = ray.direction[axis];
-            }
-        }
-        block
-    }
-
-    fn leaving(&self, i: usize) -> Leaving {
-        Leaving { rho: self.rho[i], dome: self.p.map(|c| c[i]), out: self.d.map(|c| c[i]) }
-    }
-
-    #[inline(always)]
-    fn follow(&mut self, c: &Constants) {
-        for first in (0..BLOCK).step_by(LANES) {
-            let at = |column: &Column| Lanes::each(|i| column[first + i]);
-            let ray = follow(c, self.p.each_ref().map(at), self.d.each_ref().map(at));
-            let put = |column: &mut Column, x: Lanes| column[first..first + LANES].copy_from_slice(&x.0);
-            for axis in 0..3 {
-                put(&mut self.p[axis], ray.dome[axis]);
-                put(&mut self.d[axis], ray.out[axis]);
-            }
-            put(&mut self.rho, ray.rho);
-            put(&mut self.last_step, ray.last_step);
         }
     }
 }
@@ -216,10 +159,12 @@ impl std::ops::Neg for Lanes {
     }
 }
 
-/// A block on its way, for the widest vectors the processor has.
+/// A core's share of rays, for the widest vectors the processor has.
 struct Following<'a> {
-    block: &'a mut Block,
+    placed: &'a PlacedMirrors,
     constants: &'a Constants,
+    rays: &'a [Ray],
+    out: &'a mut [Leaving],
 }
 
 impl WithSimd for Following<'_> {
@@ -227,7 +172,27 @@ impl WithSimd for Following<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        self.block.follow(self.constants);
+        let (full, rest) = self.rays.as_chunks::<LANES>();
+        let (out, last) = self.out.as_chunks_mut::<LANES>();
+        for (rays, out) in full.iter().zip(out) {
+            let at = |axis: usize| Lanes::each(|i| rays[i].origin[axis]);
+            let towards = |axis: usize| Lanes::each(|i| rays[i].direction[axis]);
+            let ray = follow(self.constants, [at(0), at(1), at(2)], [towards(0), towards(1), towards(2)]);
+            for i in 0..LANES {
+                let of = |v: &[Lanes; 3]| [v[0].0[i], v[1].0[i], v[2].0[i]];
+                out[i] = Leaving { rho: ray.rho.0[i], dome: of(&ray.dome), out: of(&ray.out) };
+            }
+            if self.placed.figure.is_some() || !ray.last_step.0.iter().all(|s| *s < CONVERGED_MM) {
+                for i in 0..LANES {
+                    if self.placed.figure.is_some() || !(ray.last_step.0[i] < CONVERGED_MM) {
+                        out[i] = self.placed.leaving(&rays[i]);
+                    }
+                }
+            }
+        }
+        for (ray, out) in rest.iter().zip(last) {
+            *out = self.placed.leaving(ray);
+        }
     }
 }
 
@@ -279,32 +244,96 @@ fn along(p: [Lanes; 3], d: [Lanes; 3], t: Lanes) -> [Lanes; 3] {
 /// The steps of [`PlacedMirrors::trace`] without branches: what went wrong shows in `last_step`, NaN included.
 #[inline(always)]
 fn follow(c: &Constants, origin: [Lanes; 3], direction: [Lanes; 3]) -> Followed {
-    // The convex mirror, in its own frame: see `Conic::hit`. The way begins above its vertex, so the root of less
-    // cancellation is the near one.
+    // The convex mirror, in its own frame: see `Conic::hit`.
     let o = turned(&c.convex.0, less(origin, &c.convex.1), false);
     let e = turned(&c.convex.0, direction, false);
-    let (q, dq) = (c.vertex - o[2], -e[2]);
-    let a = e[0] * e[0] + e[1] * e[1] + c.k * dq * dq;
-    let b = o[0] * e[0] + o[1] * e[1] - c.radius * dq + c.k * q * dq;
-    let cc = o[0] * o[0] + o[1] * o[1] - 2.0 * c.radius * q + c.k * q * q;
-    let root = (b * b - a * cc).sqrt();
-    let w = -(b + Lanes::each(|i| root.0[i].copysign(b.0[i])));
-    let [per_a, per_w] = inverses([a, w]);
-    let (t0, t1) = (cc * per_w, w * per_a);
-    let (q0, q1) = (q + t0 * dq, q + t1 * dq);
-    // Without short circuits, which vectors do not have.
-    let valid = |t: f64, q: f64| if (t > 0.0) & (q > -1e-9) { t } else { f64::INFINITY };
-    let t = Lanes::each(|i| valid(t0.0[i], q0.0[i]).min(valid(t1.0[i], q1.0[i])));
+    let quadratic = Quadratic::new(&c.mirror, o, e);
+    // c / w is the near root; but a ray steeper than the asymptotes meets the other sheet first, if it begins within it.
+    let w = quadratic.w();
+    let t = quadratic.root(w, |a, c, w| (a < 0.0) & ((c < 0.0) | (w < 0.0)));
+    let depth = c.mirror.vertex_height - o[2] - t * e[2];
+    let missed = Lanes::each(|i| if (t.0[i] > 0.0) & (depth.0[i] > -1e-9) { 0.0 } else { f64::NAN });
     let p = along(o, e, t);
-    let n = [p[0], p[1], c.radius - c.k * (c.vertex - p[2])];
-    let turn = -2.0 * dot(e, n) / dot(n, n);
-    let reflected = along(e, n, turn);
-    let met = (p[0] * p[0] + p[1] * p[1]).sqrt();
+    let reflected = reflected(e, normal(&c.mirror, p));
+    let rho = (p[0] * p[0] + p[1] * p[1]).sqrt();
     // The dome, in its own frame.
     let rig = turned(&c.convex.0, p, true);
     let rig = [rig[0] + c.convex.1.x, rig[1] + c.convex.1.y, rig[2] + c.convex.1.z];
     let o = turned(&c.dome.0, less(rig, &c.dome.1), false);
     let d = turned(&c.dome.0, turned(&c.convex.0, reflected, true), false);
+    let (hit, normal, last_step) = match &c.ellipsoid {
+        Some(ellipsoid) => meet_ellipsoid(ellipsoid, o, d),
+        None => meet_dome(c, o, d),
+    };
+    let out = self::reflected(d, normal);
+    let hit = turned(&c.dome.0, hit, true);
+    Followed {
+        dome: [hit[0] + c.dome.1.x, hit[1] + c.dome.1.y, hit[2] + c.dome.1.z],
+        out: turned(&c.dome.0, out, true),
+        rho,
+        last_step: last_step + missed,
+    }
+}
+
+/// a t^2 + 2 b t + c of a ray and a conic.
+struct Quadratic {
+    a: Lanes,
+    b: Lanes,
+    c: Lanes,
+}
+
+impl Quadratic {
+    #[inline(always)]
+    fn new(conic: &Conic, o: [Lanes; 3], e: [Lanes; 3]) -> Self {
+        let k = 1.0 + conic.constant;
+        let (q, dq) = (conic.vertex_height - o[2], -e[2]);
+        Self {
+            a: e[0] * e[0] + e[1] * e[1] + k * dq * dq,
+            b: o[0] * e[0] + o[1] * e[1] - conic.radius * dq + k * q * dq,
+            c: o[0] * o[0] + o[1] * o[1] - 2.0 * conic.radius * q + k * q * q,
+        }
+    }
+
+    /// The roots are c / w, of smaller size, and w / a, neither with cancellation.
+    #[inline(always)]
+    fn w(&self) -> Lanes {
+        let root = (self.b * self.b - self.a * self.c).sqrt();
+        -(self.b + Lanes::each(|i| root.0[i].copysign(self.b.0[i])))
+    }
+
+    /// w / a where a, c and w say so, else c / w.
+    #[inline(always)]
+    fn root(&self, w: Lanes, larger: impl Fn(f64, f64, f64) -> bool) -> Lanes {
+        let larger = |i: usize| larger(self.a.0[i], self.c.0[i], w.0[i]);
+        Lanes::each(|i| if larger(i) { w.0[i] } else { self.c.0[i] })
+            / Lanes::each(|i| if larger(i) { self.a.0[i] } else { w.0[i] })
+    }
+}
+
+/// [`Conic::normal`].
+#[inline(always)]
+fn normal(conic: &Conic, p: [Lanes; 3]) -> [Lanes; 3] {
+    [p[0], p[1], conic.radius - (1.0 + conic.constant) * (conic.vertex_height - p[2])]
+}
+
+#[inline(always)]
+fn reflected(e: [Lanes; 3], n: [Lanes; 3]) -> [Lanes; 3] {
+    along(e, n, -2.0 * dot(e, n) / dot(n, n))
+}
+
+/// The point, the normal and no step: from inside, where only one root lies ahead.
+#[inline(always)]
+fn meet_ellipsoid(ellipsoid: &Conic, o: [Lanes; 3], d: [Lanes; 3]) -> ([Lanes; 3], [Lanes; 3], Lanes) {
+    let quadratic = Quadratic::new(ellipsoid, o, d);
+    let t = quadratic.root(quadratic.w(), |_, _, w| w > 0.0);
+    let hit = along(o, d, t);
+    (hit, normal(ellipsoid, hit), Lanes::each(|i| if t.0[i] > 0.0 { 0.0 } else { f64::NAN }))
+}
+
+/// The point, the normal and the last step of Newton: see `PlacedMirrors::meet_dome`.
+#[inline(always)]
+fn meet_dome(c: &Constants, o: [Lanes; 3], d: [Lanes; 3]) -> ([Lanes; 3], [Lanes; 3], Lanes) {
+    let (radius, vertex, k) = (c.mirror.radius, c.mirror.vertex_height, 1.0 + c.mirror.constant);
     let mut rho = (o[0] * o[0] + o[1] * o[1]).sqrt();
     let from_centre = (o[0] * o[0] + o[1] * o[1] + (o[2] - c.centre) * (o[2] - c.centre)).sqrt();
     let left = c.length - from_centre;
@@ -316,11 +345,11 @@ fn follow(c: &Constants, origin: [Lanes; 3], direction: [Lanes; 3]) -> Followed 
         let r2 = x[0] * x[0] + x[1] * x[1];
         let (r, to_sample) = (r2.sqrt(), (r2 + x[2] * x[2]).sqrt());
         // The normal's part along the axis: radius - k sag.
-        let n = (c.radius * c.radius - c.k * rho * rho).sqrt();
-        let [per_n, per_sum] = inverses([n, c.radius + n]);
-        let height = c.vertex - rho * rho * per_sum;
+        let n = (radius * radius - k * rho * rho).sqrt();
+        let [per_n, per_sum] = inverses([n, radius + n]);
+        let height = vertex - rho * rho * per_sum;
         let tan_beta = rho * per_n;
-        let bend = (1.0 + c.k * tan_beta * tan_beta) * per_n;
+        let bend = (1.0 + k * tan_beta * tan_beta) * per_n;
         let (a_z, b_r, b_z) = (height - c.centre, r - rho, x[2] - height);
         let (a, b) = ((rho * rho + a_z * a_z).sqrt(), (b_r * b_r + b_z * b_z).sqrt());
         let [per_a, per_b, per_r, per_x] = inverses([a, b, r, to_sample]);
@@ -342,16 +371,7 @@ fn follow(c: &Constants, origin: [Lanes; 3], direction: [Lanes; 3]) -> Followed 
         (t, rho) = (t + dt, rho + drho);
         last_step = dt.abs() + drho.abs();
     }
-    let hit = along(o, d, t);
-    let turn = -2.0 * dot(d, gradient) / dot(gradient, gradient);
-    let out = along(d, gradient, turn);
-    let hit = turned(&c.dome.0, hit, true);
-    Followed {
-        dome: [hit[0] + c.dome.1.x, hit[1] + c.dome.1.y, hit[2] + c.dome.1.z],
-        out: turned(&c.dome.0, out, true),
-        rho: met,
-        last_step,
-    }
+    (along(o, d, t), gradient, last_step)
 }
 
 #[cfg(test)]

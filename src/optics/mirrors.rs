@@ -91,6 +91,20 @@ impl Mirrors {
         self.edge_radius
     }
 
+    /// The dome of a hyperboloid with its far focus at C: rays leave as if from the near focus N, so that |X-N| + |X| is the same
+    /// for all of its points X. `None` for other convex mirrors, whose domes are no conics.
+    pub fn ellipsoid(&self) -> Option<Conic> {
+        let [near, far] = self.convex.foci();
+        let above = self.centre_height - self.convex.vertex_height;
+        let stigmatic = self.convex.constant < -1.0 && (far + above).abs() < 1e-12 * self.centre_height;
+        let (major, half) = (0.5 * (self.path_length - (above - near)), 0.5 * (self.convex.vertex_height - near));
+        stigmatic.then(|| Conic {
+            vertex_height: half + major,
+            radius: (major * major - half * half) / major,
+            constant: -(half / major).powi(2),
+        })
+    }
+
     /// Polar angle below which a convex mirror of radius `rho` shadows the sample, radians.
     pub fn shadow(&self, rho: f64) -> f64 {
         rho.atan2(self.convex.height(rho))
@@ -187,5 +201,11 @@ mod tests {
             let got = sum(m.profile(m.edge_radius() * f64::from(i) / 1000.0).unwrap());
             assert!((got - want).abs() < 1e-9, "{i}: {:e} mm", got - want);
         }
+        let ellipsoid = m.ellipsoid().unwrap();
+        for rho in [1.0, 8.0, m.edge_radius()] {
+            let p = m.profile(rho).unwrap();
+            assert!((ellipsoid.rho(p.z) - p.x).abs() < 1e-9, "{rho}");
+        }
+        assert!(ghosh().ellipsoid().is_none());
     }
 }
