@@ -13,12 +13,13 @@ use zonal::optics::{Conic, Mirrors, PlacedMirrors, Ray};
 const RAYS: usize = 10_000;
 /// Lists of as many rays are timed: those that are compared, and more than any cache holds.
 const TIMED: [usize; 2] = [RAYS, 1_000_000];
-const REPEATS: usize = 20;
+const REPEATS: [usize; 2] = [500, 20];
 const CENTRE_MM: f64 = 405.0;
 /// Within the zone above the dome's widest circle: below it the sheet that optiland follows ends.
 const CONVEX_APERTURE_MM: f64 = 10.5;
-/// Times as fast as optiland's compiled loops over two conics, at the least: this trace finds any dome, and keeps all points.
-const FASTER: f64 = 1.5;
+/// Times as fast as optiland's compiled loops, at the least: 23 and 26 on two quiet cores, of which a short list leaves one waiting
+/// where others work as well.
+const FASTER: [f64; 2] = [5.0, 15.0];
 /// Both are right to rounding.
 const AGREE_MM: f64 = 1e-6;
 
@@ -83,21 +84,21 @@ fn rays_go_where_optiland_sends_them_and_faster() {
     let any_dome = PlacedMirrors::nominal(Mirrors::new(CENTRE_MM, paraboloid, 126.5).unwrap());
     for (i, count) in TIMED.into_iter().enumerate() {
         let timed: Vec<Ray> = rays.iter().copied().cycle().take(count).collect();
-        let ours = seconds_per_ray(&placed, &timed);
+        let ours = seconds_per_ray(&placed, &timed, REPEATS[i]);
         let ratio = answer["seconds_per_ray"][i].as_f64().unwrap() / ours;
         println!(
             "{count} rays: {:.1} million per second, {ratio:.1} times as fast as optiland's vectorised trace; {:.1} million \
              through a dome that is no conic",
             1e-6 / ours,
-            1e-6 / seconds_per_ray(&any_dome, &timed)
+            1e-6 / seconds_per_ray(&any_dome, &timed, REPEATS[i])
         );
-        assert!(ratio > FASTER, "{ratio}");
+        assert!(ratio > FASTER[i], "{ratio}");
     }
 }
 
-fn seconds_per_ray(placed: &PlacedMirrors, rays: &[Ray]) -> f64 {
+fn seconds_per_ray(placed: &PlacedMirrors, rays: &[Ray], repeats: usize) -> f64 {
     let mut leaving = placed.trace_many(rays);
-    let timed = (0..REPEATS).map(|_| {
+    let timed = (0..repeats).map(|_| {
         let started = Instant::now();
         placed.trace_many_into(std::hint::black_box(rays), &mut leaving);
         started.elapsed().as_secs_f64() / rays.len() as f64

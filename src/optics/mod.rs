@@ -2,6 +2,7 @@
 
 mod conic;
 mod correction;
+mod lanes;
 mod many;
 mod map;
 mod mirrors;

@@ -52,10 +52,10 @@ ours = np.array(task["points"])
 assert (stopped == np.array(task["stopped"])).all(), "apertures stop other rays"
 worst = np.abs(theirs - ours)[~stopped].max()
 seconds = []
-for count in task["timed"]:
+for count, repeats in zip(task["timed"], task["repeats"]):
     many = np.tile(rays, (count // len(rays) + 1, 1))[:count]
     best = np.inf
-    for _ in range(task["repeats"]):
+    for _ in range(repeats):
         batch = launched(many)
         start = time.perf_counter()
         lens.surfaces.trace(batch)
