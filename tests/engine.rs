@@ -236,6 +236,28 @@ fn a_slow_trigger_costs_no_frame() {
     assert!(!capture.tagged && capture.rejected == 0, "{capture:?}");
 }
 
+/// Without a patch the clocks alone tell which frames are of which pattern: whatever the phase of camera and projector, the
+/// frames of a triggered and of a free-running one are the same to the last bit.
+#[test]
+fn without_a_patch_frames_of_the_former_pattern_are_told_by_their_time() {
+    let mut rig = COARSE.clone();
+    rig.projector.tag = false;
+    let calibration = common::calibrated(&rig, &TwinConfig::pinhole(1));
+    let mut measured = |rate_hz: f64, free_running: bool| {
+        rig.camera.max_frame_rate_hz = rate_hz;
+        let bench = TwinBench::new(&rig, TwinConfig::pinhole(3).noiseless(), open("red-plastic").unwrap());
+        let mut bench = if free_running { bench.free_running() } else { bench };
+        let plan = Plan { exposure: Some(ExposureBracket { count: 1, shortest_refreshes: 2, spacing: 2 }), ..plan(1) };
+        bits(&common::measured(&rig, &plan, &mut bench, &calibration, None).unwrap())
+    };
+    let undisturbed = measured(15.0, false);
+    for rate_hz in [13.0, 15.0, 20.0, 29.0, 45.0, 59.0, 90.0] {
+        for free_running in [false, true] {
+            assert!(measured(rate_hz, free_running) == undisturbed, "{rate_hz} Hz, free-running: {free_running}");
+        }
+    }
+}
+
 /// Delays, repeats, losses and late changes at random.
 fn shuffled(frames: usize, free_running: bool) {
     let mut plan = Plan {

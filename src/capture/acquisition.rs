@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 use std::fmt;
+use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -23,6 +24,8 @@ const REMEMBERED: usize = 64;
 const SHOWN: usize = 4;
 /// Readings remembered to tell a frame that is repeated under another number.
 const READINGS: usize = 8;
+/// The same clock twice.
+pub(super) const ROUNDING_S: f64 = 1e-6;
 /// What a projector may take to change a frame, s; then it is frozen.
 pub(super) const FROZEN_S: f64 = 2.0;
 
@@ -306,7 +309,9 @@ impl<'a> Acquisition<'a> {
                 self.set_exposure(exposure_s)?;
                 let triggered_s = self.expose(self.lit_s())?;
                 let ahead = next.filter(|_| self.eager && j + 1 == exposures_s.len());
+                let mut lit_s = triggered_s..f64::INFINITY;
                 if let Some(next) = ahead {
+                    lit_s.end = self.clock.now_s();
                     self.show(next)?;
                 }
                 let mut frame = self.receive()?;
@@ -317,7 +322,7 @@ impl<'a> Acquisition<'a> {
                         break None;
                     };
                     let sequence = Some(received.sequence);
-                    match self.judge(received, index, exposure_s, triggered_s) {
+                    match self.judge(received, index, exposure_s, lit_s.clone()) {
                         Ok(accepted) => break Some(accepted),
                         Err(reason) => {
                             // It may have seen the next pattern: from now on that waits for the frame.
@@ -348,13 +353,14 @@ impl<'a> Acquisition<'a> {
         keep(j, Err(refused))
     }
 
-    /// Whether a frame is what it should be: new, whole, of the right exposure, and of the right pattern all the time.
+    /// Whether a frame is what it should be: new, whole, of the right exposure, and of the right pattern all the time: that is
+    /// lit during `lit_s` for certain, by the camera's clock.
     pub fn judge(
         &mut self,
         frame: Frame,
         index: usize,
         exposure_s: f64,
-        not_before_s: f64,
+        lit_s: Range<f64>,
     ) -> Result<Accepted, Rejection> {
         if self.recent.contains(&frame.sequence) {
             return Err(Rejection::Repeated);
@@ -368,7 +374,8 @@ impl<'a> Acquisition<'a> {
                 return Err(Rejection::Corrupt);
             }
             // Without a patch, the camera's clock must do.
-            if frame.timestamp_s < not_before_s.min(self.lit_s()) {
+            let ended_s = frame.timestamp_s + frame.exposure_s;
+            if frame.timestamp_s < lit_s.start - ROUNDING_S || ended_s > lit_s.end + ROUNDING_S {
                 return Err(Rejection::Stale);
             }
             if !self.near(frame.exposure_s, exposure_s) || frame.gain != 1.0 {

@@ -15,8 +15,8 @@ impl Acquisition<'_> {
         keep: &mut Keep<'_>,
     ) -> Result<(), CaptureError> {
         let mut wanted: Vec<(usize, f64)> = exposures_s.iter().copied().enumerate().collect();
-        let asked_s = self.clock.now_s();
         self.show(index)?;
+        let lit_s = self.lit_s();
         let mut asked = 0;
         self.set_exposure(wanted[asked].1)?;
         let settling = self.camera_limits.settling_frames;
@@ -37,7 +37,7 @@ impl Acquisition<'_> {
             let (sequence, began_s, exposure_s) = (frame.sequence, frame.timestamp_s, frame.exposure_s);
             let match_ = wanted.iter().position(|(_, e)| self.near(exposure_s, *e));
             let target_s = match_.map_or(wanted[0].1, |i| wanted[i].1);
-            match (self.judge(frame, index, target_s, asked_s), match_) {
+            match (self.judge(frame, index, target_s, lit_s..f64::INFINITY), match_) {
                 (Ok(accepted), Some(i)) => {
                     self.effort.frames += 1;
                     let (j, _) = wanted.remove(i);
@@ -52,7 +52,7 @@ impl Acquisition<'_> {
                     // The change of a setting or of the pattern is still on its way.
                     self.effort.skipped += 1;
                     if began_s > self.said_lit_s() + patience_s {
-                        return Err(CaptureError::Frozen { waited_s: began_s - asked_s });
+                        return Err(CaptureError::Frozen { waited_s: began_s - self.said_lit_s() });
                     }
                 }
                 (Err(reason), _) => {

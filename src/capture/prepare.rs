@@ -1,7 +1,7 @@
 //! What is measured before the first frame: how bright the coded patch may be, how late the projector is, what the patch
 //! looks like.
 
-use super::acquisition::{Acquisition, FROZEN_S, Rejections};
+use super::acquisition::{Acquisition, FROZEN_S, ROUNDING_S, Rejections};
 use super::device::Frame;
 use super::tag_reader::{TagModel, TagProblem, TagReading, Verdict};
 use super::{CaptureError, Rejection};
@@ -10,6 +10,9 @@ use crate::radiometry::Lamp;
 
 /// Time given to a projector of unknown latency, s; doubled where it is not enough.
 const SETTLE_S: f64 = 0.15;
+/// Refresh periods from a projector's word to its light that are allowed for where no patch shows them: some hold a frame or two,
+/// and another one passes until all of it is shown.
+const UNSEEN_REFRESHES: f64 = 4.0;
 /// Changes of pattern whose latency is measured.
 const LATENCY_PROBES: usize = 2;
 /// Refresh periods of the frames that changes are watched with and the patch is learned from; longer, up to the run's longest
@@ -45,7 +48,7 @@ impl Acquisition<'_> {
         match layout {
             None => {
                 // Nothing shows when a frame is lit: what the projector says must do, with a margin.
-                self.latency_s = 2.0 / self.rig.projector.refresh_hz;
+                self.latency_s = UNSEEN_REFRESHES / self.rig.projector.refresh_hz;
                 self.load(patterns)?;
             }
             Some(layout) => {
@@ -197,8 +200,9 @@ impl Acquisition<'_> {
                 return Ok(None);
             }
             let good = received.filter(|frame| {
-                // The same clock twice: a microsecond is rounding.
-                frame.flags.good() && frame.timestamp_s >= start_s - 1e-6 && self.near(frame.exposure_s, exposure_s)
+                frame.flags.good()
+                    && frame.timestamp_s >= start_s - ROUNDING_S
+                    && self.near(frame.exposure_s, exposure_s)
             });
             if good.is_some() {
                 return Ok(good);
