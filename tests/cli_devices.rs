@@ -82,6 +82,23 @@ fn devices_that_do_not_fit_the_rig_are_refused() {
     assert!(!desk.path("out").exists());
 }
 
+#[test]
+fn folders_and_times_that_cannot_be_are_refused() {
+    let desk = Desk::new();
+    let file = desk.file(&desk.camera(), &(desk.projector() + "settle_s = 1e30\n"));
+    desk.refuses(&file, &["projector.settle_s = 1e30", "up to 3600"]);
+    let out = desk.path("out").display().to_string();
+    let calibrate = |file: &str, said: &[&str]| {
+        refused(&["calibrate", "response", RIG, "--devices", file, "--yes", "--out", &out], said);
+        assert!(!desk.path("out").exists());
+    };
+    fs::write(desk.path("taken.txt"), "a file").unwrap();
+    let taken = desk.folder("taken.txt", 1360, 1024);
+    calibrate(&desk.file(&taken, &desk.projector()), &["taken.txt", "set camera.folder"]);
+    let taken = desk.folder("taken.txt", 800, 600) + "refresh_hz = 60\n";
+    calibrate(&desk.file(&desk.camera(), &taken), &["taken.txt", "set projector.folder"]);
+}
+
 /// What a driver says if it is built in, its device not being there, and if not.
 fn said<'a>(built_in: bool, device: &'a str, needs: &'a [&'a str]) -> Vec<&'a str> {
     if built_in { vec![device] } else { needs.to_vec() }
@@ -114,6 +131,18 @@ fn a_camera_that_is_not_there_is_refused() {
     desk.refuses(&file, &["/dev/no-such-camera", "is not there", "zonal devices"]);
     let file = desk.file(&camera("/dev/null"), &desk.projector());
     desk.refuses(&file, &["/dev/null", "no camera"]);
+    let file = desk.file(&camera("/tmp"), &desk.projector());
+    desk.refuses(&file, &["/tmp", "cannot be opened as a camera"]);
+}
+
+#[test]
+#[cfg(feature = "kms")]
+fn a_card_that_is_none_is_refused() {
+    let desk = Desk::new();
+    for card in ["/tmp", "/dev/null"] {
+        let file = desk.file(&desk.camera(), &format!("driver = \"kms\"\ncard = \"{card}\""));
+        desk.refuses(&file, &[card, "zonal devices"]);
+    }
 }
 
 #[test]
@@ -125,6 +154,11 @@ fn options_that_contradict_each_other_are_refused() {
     refused(&measure, &["--devices", "--simulate"]);
     refused(&["calibrate", "map", RIG, "--out", &out], &["--devices", "--simulate"]);
     refused(&[&measure[..], &["--devices", &file, "--simulate", "red-plastic"]].concat(), &["--simulate"]);
+    refused(&[&measure[..], &["--devices", &file, "--yes", "--twin", "finite"]].concat(), &["--twin"]);
+    let list = desk.path("list.toml");
+    fs::write(&list, "[[sample]]\nname = \"one\"\n").unwrap();
+    let batch = ["--devices", &file, "--batch", list.to_str().unwrap()];
+    refused(&[&measure[..], &batch].concat(), &["nobody"]);
     // No terminal is there in a test.
     refused(&[&measure[..], &["--devices", &file]].concat(), &["nobody", "--yes"]);
     refused(&["calibrate", "align", RIG, "--devices", &file, "--yes", "--out", &out], &["one thing after the other"]);

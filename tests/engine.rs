@@ -225,6 +225,48 @@ impl Camera for SlowCamera {
 }
 
 /// Without a patch frames are judged by their time; one that begins with its trigger is not too early.
+/// The simulated rig with a camera that another program takes between the check and the run.
+struct Taken(TwinBench);
+
+impl Bench for Taken {
+    fn camera(&self) -> &dyn CameraFactory {
+        self
+    }
+
+    fn projector(&self) -> &dyn ProjectorFactory {
+        self.0.projector()
+    }
+
+    fn clock(&self) -> Arc<dyn Clock> {
+        self.0.clock()
+    }
+
+    fn place(&mut self, what: Placement) -> Result<(), CaptureError> {
+        self.0.place(what)
+    }
+}
+
+impl CameraFactory for Taken {
+    fn limits(&self) -> Result<CameraLimits, CaptureError> {
+        self.0.camera().limits()
+    }
+
+    fn open(&self) -> Result<Box<dyn Camera>, CaptureError> {
+        Err(CaptureError::Device { device: "camera", step: "open".into(), reason: "another program has it".into() })
+    }
+}
+
+#[test]
+fn a_device_that_cannot_be_opened_leaves_no_folder() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run");
+    let folder = RunFolder::create(&path, false).unwrap();
+    let mut taken = Taken(bench(TwinConfig::pinhole(3)));
+    let error = common::measured(&COARSE, &plan(0), &mut taken, &CALIBRATION, Some(&folder)).map(drop).unwrap_err();
+    assert!(matches!(error, MeasureError::Capture(CaptureError::Unusable(_))), "{error}");
+    assert!(error.to_string().contains("another program has it") && !path.exists(), "{error}");
+}
+
 #[test]
 fn a_slow_trigger_costs_no_frame() {
     let mut rig = COARSE.clone();

@@ -131,6 +131,7 @@ fn unscaled(
         crop,
         maps: known.sensor,
         folder: None,
+        begin: &mut || Ok(()),
     };
     Engine::new(rig, bench, Control::default()).run(run, progress, |lobe, image| reducer.add(lobe, &image))?;
     let all: Vec<usize> = (0..pairs.len()).collect();

@@ -138,11 +138,11 @@ impl<'a> Acquisition<'a> {
     /// Compares what devices can do with rig and exposures, then opens them.
     ///
     /// # Errors
-    /// [`CaptureError::Limits`] before anything is opened; [`CaptureError::Device`].
+    /// [`CaptureError::Limits`] before anything is opened; [`CaptureError::Unusable`].
     pub fn open(rig: &'a Rig, bench: &mut dyn Bench, exposures_s: &[f64]) -> Result<Self, CaptureError> {
         let camera_limits = check_devices(rig, bench, exposures_s)?;
-        let camera = bench.camera().open()?;
-        let projector = bench.projector().open()?;
+        let camera = bench.camera().open().map_err(CaptureError::at_the_start)?;
+        let projector = bench.projector().open().map_err(CaptureError::at_the_start)?;
         Ok(Self {
             rig,
             sensor: sensor(rig),

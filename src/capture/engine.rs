@@ -12,6 +12,7 @@ use super::worker::{LobeFrames, Pair, Work, Worker, channel};
 use super::{Bench, CaptureError, Crop, Director, Exposer, ResponseImage, RunFolder, SensorMaps};
 use crate::optics::Rig;
 use crate::patterns::{Lobe, Pattern, RigTime, Sign, Timing};
+use crate::store::StoreError;
 
 /// Told of every frame: how many are done, how many there are (an estimate while exposures are chosen on the way).
 pub type Progress<'a> = dyn FnMut(usize, usize) + 'a;
@@ -39,6 +40,8 @@ pub struct Run<'a> {
     pub maps: Option<&'a SensorMaps>,
     /// Where frames are journaled and responses stored as they come; what it holds already is not taken again.
     pub folder: Option<&'a RunFolder>,
+    /// Makes the folder ready, once the devices are open.
+    pub begin: &'a mut dyn FnMut() -> Result<(), StoreError>,
 }
 
 /// What a session of a run was like.
@@ -99,7 +102,7 @@ impl<'a> Engine<'a> {
         sink: impl FnMut(Lobe, ResponseImage) + Send,
     ) -> Result<RunSummary, CaptureError> {
         self.enter(Input::Begin);
-        let checked = self.check(&run);
+        let checked = self.check(&mut run);
         let (mut devices, journal, recorded) = match checked {
             Ok(checked) => checked,
             Err(error) => {
@@ -147,13 +150,15 @@ impl<'a> Engine<'a> {
         })
     }
 
-    /// All that can be found out before anything moves.
-    fn check(&mut self, run: &Run<'_>) -> Result<(Acquisition<'a>, Option<Journal>, Recorded), CaptureError> {
+    /// All that can be found out before anything moves; the folder begins when the devices are open.
+    fn check(&mut self, run: &mut Run<'_>) -> Result<(Acquisition<'a>, Option<Journal>, Recorded), CaptureError> {
         let mut exposures = run.exposer.first();
         exposures.push(run.longest_s);
+        let devices = Acquisition::open(self.rig, self.bench, &exposures)?;
+        (run.begin)()?;
         let journal = run.folder.map(RunFolder::journal).transpose()?;
         let (journal, recorded) = journal.map_or((None, Recorded::default()), |(j, r)| (Some(j), r));
-        Ok((Acquisition::open(self.rig, self.bench, &exposures)?, journal, recorded))
+        Ok((devices, journal, recorded))
     }
 
     fn session(
@@ -414,7 +419,7 @@ impl StepFrames<'_, '_, '_, '_> {
             })
         };
         result.map_err(|source| match source {
-            stop @ CaptureError::Stopped { .. } => stop,
+            CaptureError::Stopped { .. } => CaptureError::Stopped { done: self.session.index, total: self.total },
             source => CaptureError::At {
                 index: first + at,
                 lobe: lobe.stem(),

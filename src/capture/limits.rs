@@ -10,6 +10,10 @@ const EXPOSURE_TOLERANCE: f64 = 1e-3;
 /// a projector shows one after the other are no longer shown equally long.
 const STEPPED_TOLERANCE: f64 = 1e-2;
 
+/// How far the display's rate may be from the rig file's: modes of 60 Hz have 59.94 to 60.32. A long exposure of 16 refresh periods
+/// is then off by a sixth of one at worst, which only colours that a projector shows one after the other would feel.
+const REFRESH_TOLERANCE: f64 = 1e-2;
+
 /// Whether an exposure is the one that was wanted, as nearly as a camera with steps of `step_s` (or none) can set it.
 pub(super) fn near(achieved_s: f64, wanted_s: f64, step_s: f64) -> bool {
     // Half a step, and what rounding it takes.
@@ -21,10 +25,10 @@ pub(super) fn near(achieved_s: f64, wanted_s: f64, step_s: f64) -> bool {
 /// Compares what devices say they can do with a rig and with exposures; nothing is opened for good, nothing moves.
 ///
 /// # Errors
-/// [`CaptureError::Limits`]; [`CaptureError::Device`].
+/// [`CaptureError::Limits`]; [`CaptureError::Unusable`].
 pub fn check_devices(rig: &Rig, bench: &dyn Bench, exposures_s: &[f64]) -> Result<CameraLimits, CaptureError> {
-    let camera = bench.camera().limits()?;
-    let projector = bench.projector().limits()?;
+    let camera = bench.camera().limits().map_err(CaptureError::at_the_start)?;
+    let projector = bench.projector().limits().map_err(CaptureError::at_the_start)?;
     check_camera(rig, &camera, exposures_s)?;
     check_projector(rig, &projector)?;
     Ok(camera)
@@ -73,8 +77,7 @@ fn check_projector(rig: &Rig, limits: &ProjectorLimits) -> Result<(), CaptureErr
         );
         return Err(cannot(problem, "set its native mode or correct projector.width_px and projector.height_px"));
     }
-    // Exposures are whole refresh periods: a tenth of a percent is half a refresh of a long exposure.
-    if (limits.refresh_hz / p.refresh_hz - 1.0).abs() > 1e-2 {
+    if (limits.refresh_hz / p.refresh_hz - 1.0).abs() > REFRESH_TOLERANCE {
         let problem = format!("refreshes at {} Hz, the rig file says {}", limits.refresh_hz, p.refresh_hz);
         return Err(cannot(problem, "set the mode's rate or correct projector.refresh_hz"));
     }

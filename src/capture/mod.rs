@@ -49,6 +49,9 @@ pub enum CaptureError {
         /// Cause and remedy.
         reason: String,
     },
+    /// A device could not be used from the start: nothing was shown, nothing is stored.
+    #[error(transparent)]
+    Unusable(Box<CaptureError>),
     /// A device cannot do what rig and plan ask for.
     #[error("the {device} {name} {problem}: {remedy}")]
     Limits {
@@ -124,6 +127,12 @@ pub enum CaptureError {
         /// What is needed.
         what: Placement,
     },
+    /// Somebody asked to stop instead of putting something in place.
+    #[error("stopped on request before this was in place: {what}")]
+    Declined {
+        /// What is needed.
+        what: Placement,
+    },
     /// A file could not be read or written.
     #[error(transparent)]
     Store(#[from] StoreError),
@@ -134,6 +143,14 @@ impl CaptureError {
     pub fn cause(&self) -> &Self {
         match self {
             CaptureError::At { source, .. } => source.cause(),
+            other => other,
+        }
+    }
+
+    /// The same of a device that has not shown or taken anything yet.
+    fn at_the_start(self) -> Self {
+        match self {
+            CaptureError::Device { .. } => CaptureError::Unusable(Box::new(self)),
             other => other,
         }
     }

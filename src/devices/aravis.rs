@@ -93,10 +93,36 @@ impl Aravis {
         })
     }
 
+    /// Format, size and gain against what the camera has.
+    fn check(&self, device: &Device, name: &str) -> Result<(), CaptureError> {
+        let (s, said) = (&self.settings, |e: Failure| failed("ask what it can do", e.message()));
+        let formats = device.dup_available_pixel_formats_as_strings().map_err(said)?;
+        if !formats.iter().any(|f| *f == s.pixel_format) {
+            let formats: Vec<&str> = formats.iter().map(|f| f.as_str()).collect();
+            let problem = format!("has no {}, only {}", s.pixel_format, formats.join(", "));
+            return Err(cannot(name, problem, "change pixel_format in the devices file to an unpacked one of these"));
+        }
+        let (width, height) = device.sensor_size().map_err(said)?;
+        if i64::from(s.width_px) > i64::from(width) || i64::from(s.height_px) > i64::from(height) {
+            let problem =
+                format!("has {width} x {height} px, the devices file asks for {} x {}", s.width_px, s.height_px);
+            return Err(cannot(name, problem, "correct width_px and height_px in the devices file"));
+        }
+        if device.is_gain_available().map_err(said)? {
+            let (least, most) = device.gain_bounds().map_err(said)?;
+            if !(least..=most).contains(&s.gain) {
+                let problem = format!("has gains {least}..={most}, not {}", s.gain);
+                return Err(cannot(name, problem, "change gain in the devices file"));
+            }
+        }
+        Ok(())
+    }
+
     fn limits_of(&self, device: &Device) -> Result<CameraLimits, CaptureError> {
         let [width, height] = self.unpacker()?.size();
         let said = |e: Failure| failed("ask what it can do", e.message());
         let name = name_of(device).map_err(said)?;
+        self.check(device, &name)?;
         let (shortest, longest) = device.exposure_time_bounds().map_err(said)?;
         let step = device.device().and_then(|d| d.float_feature_increment("ExposureTime").ok());
         let fastest = device

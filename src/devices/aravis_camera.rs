@@ -1,7 +1,7 @@
 //! A GenICam camera that is open.
 
 use aravis::prelude::*;
-use aravis::{AcquisitionMode, Auto, Buffer, BufferStatus, Camera as Device, Stream};
+use aravis::{AcquisitionMode, Buffer, BufferStatus, Camera as Device, Stream};
 use rustix::time::{ClockId, clock_gettime};
 
 use super::aravis::{Failure, US, failed, triggering};
@@ -22,7 +22,24 @@ struct Former {
 }
 
 /// Features that are words and are changed here, in the order in which they are put back.
-const WORDS: [&str; 5] = ["AcquisitionMode", "TriggerSource", "TriggerMode", "ExposureAuto", "GainAuto"];
+const WORDS: [&str; 7] = [
+    "AcquisitionMode",
+    "TriggerSource",
+    "TriggerMode",
+    "ExposureAuto",
+    "GainAuto",
+    "BalanceWhiteAuto",
+    "BlackLevelAuto",
+];
+
+/// The word that ends it.
+const OFF: &str = "Off";
+
+/// What acts on its own, wherever a camera has it.
+const AUTOMATIC: [&str; 4] = ["ExposureAuto", "GainAuto", "BalanceWhiteAuto", "BlackLevelAuto"];
+
+/// Gains as near as this, in the camera's own unit, are the one that was set.
+const SAME_GAIN: f64 = 0.05;
 
 /// A camera that is open.
 pub(super) struct AravisCamera {
@@ -114,11 +131,10 @@ impl AravisCamera {
         let d = &self.device;
         d.set_pixel_format_from_string(&settings.pixel_format)?;
         d.set_region(0, 0, settings.width_px as i32, settings.height_px as i32)?;
-        if d.is_exposure_auto_available()? {
-            d.set_exposure_time_auto(Auto::Off)?;
-        }
-        if d.is_gain_auto_available()? {
-            d.set_gain_auto(Auto::Off)?;
+        for name in AUTOMATIC {
+            if d.is_feature_available(name)? {
+                d.set_string(name, OFF)?;
+            }
         }
         if d.is_gain_available()? {
             d.set_gain(settings.gain)?;
@@ -147,6 +163,21 @@ impl AravisCamera {
         if (width, height) != (settings.width_px as i32, settings.height_px as i32) {
             let reason = format!("it takes {width} x {height} px: correct width_px and height_px in the devices file");
             return Err(failed("set its size", reason));
+        }
+        for name in AUTOMATIC {
+            if self.device.is_feature_available(name).map_err(said)? {
+                let set = self.device.string(name).map_err(said)?;
+                if set != OFF {
+                    let reason = format!("it stays {set}: turn it off with the maker's program, or use another camera");
+                    return Err(failed(&format!("turn off {name}"), reason));
+                }
+            }
+        }
+        if self.device.is_gain_available().map_err(said)? {
+            let gain = self.device.gain().map_err(said)?;
+            if (gain - settings.gain).abs() > SAME_GAIN {
+                return Err(failed("set its gain", format!("it sets {gain}: say so with gain in the devices file")));
+            }
         }
         Ok(())
     }

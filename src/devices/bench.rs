@@ -6,11 +6,13 @@ use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
 
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
 use rustix::time::{ClockId, clock_gettime};
 
 use super::settings::{CameraSettings, DevicesFile, ProjectorSettings};
 use super::{DevicesError, Painter, files, files_projector};
-use crate::capture::{Bench, CameraFactory, CaptureError, Clock, Placement, ProjectorFactory};
+use crate::capture::{Bench, CameraFactory, CaptureError, Clock, Control, Placement, ProjectorFactory};
 use crate::optics::Rig;
 
 /// The kernel's monotonic clock, by which V4L2 and DRM stamp what they do.
@@ -45,6 +47,7 @@ pub struct DeviceBench {
     camera: Box<dyn CameraFactory>,
     projector: Box<dyn ProjectorFactory>,
     operator: Operator,
+    control: Control,
     placed: Option<Placement>,
 }
 
@@ -60,22 +63,36 @@ impl DeviceBench {
     /// # Errors
     /// [`DevicesError::NotBuilt`].
     pub fn new(devices: &DevicesFile, rig: &Rig, operator: Operator) -> Result<Self, DevicesError> {
-        Ok(Self::of(camera(&devices.camera)?, projector(&devices.projector, Painter::of(rig))?, operator))
+        Self::steered(devices, rig, operator, &Control::default())
+    }
+
+    /// The same where `control` ends long waits: for another program's frame, for the operator.
+    ///
+    /// # Errors
+    /// [`DevicesError::NotBuilt`].
+    pub fn steered(
+        devices: &DevicesFile,
+        rig: &Rig,
+        operator: Operator,
+        control: &Control,
+    ) -> Result<Self, DevicesError> {
+        let (camera, projector) = (camera(&devices.camera, control)?, projector(&devices.projector, Painter::of(rig))?);
+        Ok(Self { control: control.clone(), ..Self::of(camera, projector, operator) })
     }
 
     /// A bench of these two.
     pub fn of(camera: Box<dyn CameraFactory>, projector: Box<dyn ProjectorFactory>, operator: Operator) -> Self {
-        Self { camera, projector, operator, placed: None }
+        Self { camera, projector, operator, control: Control::default(), placed: None }
     }
 }
 
-fn camera(settings: &CameraSettings) -> Result<Box<dyn CameraFactory>, DevicesError> {
+fn camera(settings: &CameraSettings, control: &Control) -> Result<Box<dyn CameraFactory>, DevicesError> {
     match settings {
         #[cfg(feature = "v4l")]
         CameraSettings::V4l(settings) => Ok(Box::new(super::v4l::V4l::new(settings))),
         #[cfg(feature = "aravis")]
         CameraSettings::Aravis(settings) => Ok(Box::new(super::aravis::Aravis::new(settings))),
-        CameraSettings::Files(settings) => Ok(Box::new(files::FilesCameraFactory::new(settings))),
+        CameraSettings::Files(settings) => Ok(Box::new(files::FilesCameraFactory::new(settings, control))),
         #[allow(unreachable_patterns)] // none is left where all are built in
         other => Err(DevicesError::NotBuilt { driver: other.driver() }),
     }
@@ -114,7 +131,7 @@ impl Bench for DeviceBench {
             return Ok(());
         }
         match self.operator {
-            Operator::AtTerminal => asked(what)?,
+            Operator::AtTerminal => asked(what, &self.control)?,
             Operator::Gone if self.placed.is_some() => return Err(CaptureError::NotPlaced { what }),
             Operator::Gone => {}
         }
@@ -123,12 +140,25 @@ impl Bench for DeviceBench {
     }
 }
 
+/// How often a prompt looks whether it is to end.
+const PROMPT_POLL: Timespec = Timespec { tv_sec: 0, tv_nsec: 100_000_000 };
+
 /// Asks the operator and waits for Enter.
-fn asked(what: Placement) -> Result<(), CaptureError> {
-    let mut stderr = io::stderr();
-    let mut line = String::new();
+fn asked(what: Placement, control: &Control) -> Result<(), CaptureError> {
+    let (mut stderr, stdin) = (io::stderr(), io::stdin());
     let asked = write!(stderr, "put in place: {what}; close the rig, then press Enter ").and_then(|()| stderr.flush());
-    match asked.and_then(|()| io::stdin().read_line(&mut line)) {
+    asked.map_err(|_| CaptureError::NotPlaced { what })?;
+    loop {
+        if control.aborted() {
+            return Err(CaptureError::Declined { what });
+        }
+        match poll(&mut [PollFd::new(&stdin, PollFlags::IN)], Some(&PROMPT_POLL)) {
+            Ok(0) | Err(Errno::INTR) => {}
+            Ok(_) => break,
+            Err(_) => return Err(CaptureError::NotPlaced { what }),
+        }
+    }
+    match stdin.read_line(&mut String::new()) {
         // End of input is no Enter.
         Ok(0) | Err(_) => Err(CaptureError::NotPlaced { what }),
         Ok(_) => Ok(()),

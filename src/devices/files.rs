@@ -10,8 +10,10 @@ use std::time::Duration;
 
 use super::grey_image::{GreyError, GreyImage};
 use super::{FilesCameraSettings, MonotonicClock};
-use crate::capture::{Camera, CameraFactory, CameraLimits, CaptureError, Clock, Frame, FrameFlags, Triggering};
-use crate::store;
+use crate::capture::{
+    Camera, CameraFactory, CameraLimits, CaptureError, Clock, Control, Frame, FrameFlags, Triggering,
+};
+use crate::store::{self, StoreError};
 
 /// How often the folder is looked at.
 const POLL: Duration = Duration::from_millis(10);
@@ -19,11 +21,11 @@ const POLL: Duration = Duration::from_millis(10);
 const SHOTS: &str = "shots.csv";
 
 /// The folder before it is used.
-pub(super) struct FilesCameraFactory(FilesCameraSettings);
+pub(super) struct FilesCameraFactory(FilesCameraSettings, Control);
 
 impl FilesCameraFactory {
-    pub fn new(settings: &FilesCameraSettings) -> Self {
-        Self(settings.clone())
+    pub fn new(settings: &FilesCameraSettings, control: &Control) -> Self {
+        Self(settings.clone(), control.clone())
     }
 }
 
@@ -46,16 +48,27 @@ impl CameraFactory for FilesCameraFactory {
 
     fn open(&self) -> Result<Box<dyn Camera>, CaptureError> {
         let settings = self.0.clone();
-        store::create_dir(&settings.folder)?;
-        store::write_quickly(&settings.folder.join(SHOTS), b"shot,exposure_s,asked_s\n")?;
+        let ready = store::create_dir(&settings.folder)
+            .and_then(|()| store::write_quickly(&settings.folder.join(SHOTS), b"shot,exposure_s,asked_s\n"));
+        ready
+            .map_err(|e| unusable("camera", &settings.folder, &e, "set camera.folder to one that can be written to"))?;
         let seen = names(&settings.folder).into_iter().collect();
         let exposure_s = settings.shortest_s;
-        Ok(Box::new(FilesCamera { settings, seen, exposure_s, shot: 0, sequence: 0, ready: VecDeque::new() }))
+        let control = self.1.clone();
+        Ok(Box::new(FilesCamera { settings, control, seen, exposure_s, shot: 0, sequence: 0, ready: VecDeque::new() }))
     }
+}
+
+/// Why a folder will not do.
+pub(super) fn unusable(device: &'static str, folder: &Path, e: &StoreError, remedy: &'static str) -> CaptureError {
+    let why = std::error::Error::source(e).map_or_else(|| e.to_string(), ToString::to_string);
+    let (name, problem) = (format!("files in {}", folder.display()), format!("cannot be used: {why}"));
+    CaptureError::Limits { device, name, problem, remedy }
 }
 
 struct FilesCamera {
     settings: FilesCameraSettings,
+    control: Control,
     /// Files that are of no interest any more.
     seen: HashSet<OsString>,
     exposure_s: f64,
@@ -89,6 +102,9 @@ impl FilesCamera {
         let deadline_s = MonotonicClock.now_s() + self.settings.timeout_s;
         let mut unfinished = None;
         loop {
+            if self.control.aborted() {
+                return Err(CaptureError::Stopped { done: 0, total: 0 });
+            }
             let mut fresh = names(&self.settings.folder);
             fresh.retain(|name| !self.seen.contains(name));
             fresh.sort();

@@ -4,6 +4,7 @@ use std::fs::{self, OpenOptions};
 use std::io::{Cursor, Write};
 use std::path::Path;
 
+use super::files::unusable;
 use super::{FilesProjectorSettings, MonotonicClock, Painter};
 use crate::capture::{CaptureError, Clock, Projector, ProjectorFactory, ProjectorLimits};
 use crate::patterns::{Pattern, Primary};
@@ -42,8 +43,10 @@ impl ProjectorFactory for FilesProjectorFactory {
 
     fn open(&self) -> Result<Box<dyn Projector>, CaptureError> {
         let (settings, painter) = (self.settings.clone(), self.painter.clone());
-        store::create_dir(&settings.folder)?;
-        store::write_quickly(&settings.folder.join(SHOWN), b"request,frame,file,asked_s\n")?;
+        let ready = store::create_dir(&settings.folder)
+            .and_then(|()| store::write_quickly(&settings.folder.join(SHOWN), b"request,frame,file,asked_s\n"));
+        let remedy = "set projector.folder to one that can be written to";
+        ready.map_err(|e| unusable("projector", &settings.folder, &e, remedy))?;
         Ok(Box::new(FilesProjector { settings, painter, frames: Vec::new(), requests: 0 }))
     }
 }

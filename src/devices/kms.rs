@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use drm::control::{Device as Control, Mode, ModeFlags, ModeTypeFlags, connector, crtc};
 use drm::{Device as Drm, DriverCapability};
 
-use super::display::{cannot, failed};
+use super::display::cannot;
 use super::kms_output::KmsOutput;
 use super::{Driver, Found, KmsSettings, Painter, ProjectorSettings, Role};
 use crate::capture::{CaptureError, Projector, ProjectorFactory, ProjectorLimits};
@@ -44,7 +44,11 @@ impl Card {
                 "may not be opened by you",
                 "join the group that owns it (`sudo usermod -aG video $USER`) and log in again",
             ),
-            _ => failed("open", format!("{name}: {e}")),
+            _ => cannot(
+                &name,
+                format!("cannot be opened as a graphics card ({e})"),
+                "`zonal devices` lists those there are",
+            ),
         })
     }
 
@@ -124,7 +128,9 @@ impl Kms {
 
     fn choose(&self, card: &Card) -> Result<Chosen, CaptureError> {
         let path = self.settings.card.display().to_string();
-        let no_kms = |e: io::Error| failed("look for displays", format!("{path}: {e}: choose another card"));
+        let no_kms = |e: io::Error| {
+            cannot(&path, format!("cannot be asked for its displays ({e})"), "`zonal devices` lists cards that can")
+        };
         let connected = card.connected().map_err(no_kms)?;
         let names: Vec<String> = connected.iter().map(name_of).collect();
         let connector = match (&self.settings.connector, &connected[..]) {
@@ -163,8 +169,11 @@ impl Kms {
         let fits = |mode: &&Mode| {
             size(mode) == wanted && s.refresh_hz.is_none_or(|hz| (refresh_hz(mode) / hz - 1.0).abs() < SAME_RATE)
         };
-        let better =
-            |a: &&Mode, b: &&Mode| preferred(a).cmp(&preferred(b)).then(refresh_hz(a).total_cmp(&refresh_hz(b)));
+        let off = |mode: &Mode| s.refresh_hz.map_or(0.0, |hz| (refresh_hz(mode) / hz - 1.0).abs());
+        let better = |a: &&Mode, b: &&Mode| {
+            let nearer = off(b).total_cmp(&off(a));
+            nearer.then(preferred(a).cmp(&preferred(b))).then(refresh_hz(a).total_cmp(&refresh_hz(b)))
+        };
         modes.iter().filter(fits).max_by(better).copied()
     }
 }

@@ -94,10 +94,7 @@ impl KmsOutput {
         let (ready, sequence, spare) = (Vec::new(), Vec::new(), VecDeque::new());
         let mut output = Self { card, chosen, painter, former, black, ready, sequence, spare };
         match output.level_gamma() {
-            Ok(gamma) => {
-                output.former.iter_mut().for_each(|former| former.gamma.clone_from(&gamma));
-                Ok(output)
-            }
+            Ok(()) => Ok(output),
             Err(error) => {
                 // The one to report.
                 let _ = output.put_back();
@@ -106,12 +103,12 @@ impl KmsOutput {
         }
     }
 
-    /// Makes the card's gamma ramp the identity; returns the former one, if the card has any.
-    fn level_gamma(&self) -> Result<Option<[Vec<u16>; 3]>, CaptureError> {
+    /// Makes the card's gamma ramp the identity, if it has one.
+    fn level_gamma(&mut self) -> Result<(), CaptureError> {
         let crtc = self.chosen.crtc;
         let len = self.card.get_crtc(crtc).map_err(|e| failed("read its gamma ramp", e))?.gamma_length() as usize;
         if len < 2 {
-            return Ok(None);
+            return Ok(());
         }
         let read = || -> io::Result<[Vec<u16>; 3]> {
             let mut ramps = [(); 3].map(|()| vec![0; len]);
@@ -120,6 +117,7 @@ impl KmsOutput {
             Ok(ramps)
         };
         let former = read().map_err(|e| failed("read its gamma ramp", e))?;
+        self.former.iter_mut().for_each(|found| found.gamma = Some(former.clone()));
         let ramp = identity_ramp(len);
         // Also ends what a desktop's night light left in the card.
         self.card.set_gamma(crtc, &ramp, &ramp, &ramp).map_err(|e| failed("set its gamma ramp", e))?;
@@ -128,7 +126,7 @@ impl KmsOutput {
             let remedy = "choose another card or driver = \"window\"";
             return Err(cannot(&self.chosen.name, "does not take an identity gamma ramp", remedy));
         }
-        Ok(Some(former))
+        Ok(())
     }
 
     fn size(&self) -> (usize, usize) {

@@ -351,6 +351,20 @@ impl DevicesFile {
         Self::from_toml(&store::read_text(path)?)
     }
 
+    /// The same with folders that do not depend on where the program runs.
+    ///
+    /// # Errors
+    /// [`DevicesError::Store`] if that is not known.
+    pub fn from_anywhere(mut self) -> Result<Self, DevicesError> {
+        let camera = if let CameraSettings::Files(s) = &mut self.camera { Some(&mut s.folder) } else { None };
+        let projector = if let ProjectorSettings::Files(s) = &mut self.projector { Some(&mut s.folder) } else { None };
+        for folder in camera.into_iter().chain(projector) {
+            *folder = std::path::absolute(&*folder)
+                .map_err(|source| store::StoreError::Read { path: folder.clone(), source })?;
+        }
+        Ok(self)
+    }
+
     /// The file's text.
     pub fn to_toml(&self) -> String {
         toml::to_string(self).expect("plain data")
@@ -362,15 +376,15 @@ impl DevicesFile {
             CameraSettings::Aravis(s) => {
                 size("camera.width_px", s.width_px as usize)?;
                 size("camera.height_px", s.height_px as usize)?;
-                not_negative("camera.readout_s", s.readout_s)?;
-                not_negative("camera.packet_delay_s", s.packet_delay_s)?;
+                duration("camera.readout_s", 0.0, s.readout_s)?;
+                duration("camera.packet_delay_s", 0.0, s.packet_delay_s)?;
             }
             CameraSettings::Files(s) => {
                 size("camera.width_px", s.width_px)?;
                 size("camera.height_px", s.height_px)?;
-                positive("camera.timeout_s", Some(s.timeout_s))?;
-                positive("camera.shortest_s", Some(s.shortest_s))?;
-                positive("camera.longest_s", Some(s.longest_s))?;
+                duration("camera.timeout_s", f64::MIN_POSITIVE, Some(s.timeout_s))?;
+                duration("camera.shortest_s", f64::MIN_POSITIVE, Some(s.shortest_s))?;
+                duration("camera.longest_s", f64::MIN_POSITIVE, Some(s.longest_s))?;
                 if s.longest_s < s.shortest_s {
                     return Err(out_of_range("camera.longest_s", s.longest_s, "camera.shortest_s or more"));
                 }
@@ -395,7 +409,7 @@ impl DevicesFile {
                 size("projector.width_px", s.width_px)?;
                 size("projector.height_px", s.height_px)?;
                 positive("projector.refresh_hz", Some(s.refresh_hz))?;
-                not_negative("projector.settle_s", Some(s.settle_s))
+                duration("projector.settle_s", 0.0, Some(s.settle_s))
             }
         }
     }
@@ -406,9 +420,9 @@ impl V4lSettings {
         size("camera.width_px", self.width_px as usize)?;
         size("camera.height_px", self.height_px as usize)?;
         positive("camera.frame_rate_hz", self.frame_rate_hz)?;
-        positive("camera.fixed_exposure_s", self.fixed_exposure_s)?;
-        positive("camera.exposure_unit_s", self.exposure_unit_s)?;
-        not_negative("camera.readout_s", self.readout_s)?;
+        duration("camera.fixed_exposure_s", f64::MIN_POSITIVE, self.fixed_exposure_s)?;
+        duration("camera.exposure_unit_s", f64::MIN_POSITIVE, self.exposure_unit_s)?;
+        duration("camera.readout_s", 0.0, self.readout_s)?;
         let most = self.format.container_bits();
         if let Some(bits) = self.bits.filter(|b| *b == 0 || b + self.shift > most) {
             let range =
@@ -449,9 +463,16 @@ fn positive(key: &'static str, value: Option<f64>) -> Result<(), DevicesError> {
     }
 }
 
-fn not_negative(key: &'static str, value: Option<f64>) -> Result<(), DevicesError> {
-    match value.filter(|x| !(x.is_finite() && *x >= 0.0)) {
-        Some(bad) => Err(out_of_range(key, bad, "0 or more")),
+/// The longest time that is believed, s.
+const LONGEST_S: f64 = 3600.0;
+
+fn duration(key: &'static str, least_s: f64, value_s: Option<f64>) -> Result<(), DevicesError> {
+    // NaN is in no range.
+    match value_s.filter(|x| !(least_s..=LONGEST_S).contains(x)) {
+        Some(bad) => {
+            let from = if least_s > 0.0 { "above 0" } else { "0 or more" };
+            Err(out_of_range(key, bad, format!("seconds {from}, up to {LONGEST_S}")))
+        }
         None => Ok(()),
     }
 }

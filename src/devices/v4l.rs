@@ -59,7 +59,8 @@ impl V4l {
                 "may not be opened by you".into(),
                 "join the group that owns it (`sudo usermod -aG video $USER`) and log in again",
             ),
-            _ => self.failed("open", &e),
+            Some(libc::EBUSY) => self.failed("open", &e),
+            _ => self.cannot(format!("cannot be opened as a camera ({e})"), "`zonal devices` lists those there are"),
         })?;
         // ENOTTY is what a node of another kind says.
         let caps = device
@@ -207,10 +208,20 @@ impl CameraFactory for V4l {
 
     fn open(&self) -> Result<Box<dyn Camera>, CaptureError> {
         let (device, caps) = self.node()?;
-        let found = self.found(&device)?;
-        let mode = self.configure(&device)?;
-        let controls = self.controls(&device)?;
-        let limits = self.limits_in(&mode, &controls, String::new())?;
+        let mut found = self.found(&device)?;
+        let ready = self.configure(&device).and_then(|mode| {
+            let controls = self.controls(&device)?;
+            let limits = self.limits_in(&mode, &controls, String::new())?;
+            Ok((mode, controls, limits))
+        });
+        let (mode, controls, limits) = match ready {
+            Ok(ready) => ready,
+            Err(error) => {
+                // The one to report.
+                let _ = found.restore(&device);
+                return Err(error);
+            }
+        };
         let stamp = match self.0.timestamp {
             // It stamps the first packet of a frame, which is sent when the exposure is over.
             Stamp::Auto if caps.driver == "uvcvideo" => Stamp::End,

@@ -102,8 +102,8 @@ impl Controls {
             if value == off {
                 continue;
             }
-            former.set(device, id, off)?;
-            if read(device, id)? != Some(off) {
+            let refused = former.set(device, id, off).is_err();
+            if refused || read(device, id)? != Some(off) {
                 return Ok(Err(control.name.clone()));
             }
         }

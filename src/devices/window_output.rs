@@ -71,15 +71,15 @@ impl WindowOutput {
         let former = Some(Former::default());
         let (ready, sequence) = (Vec::new(), Vec::new());
         let mut output = Self { desktop, monitor, refresh_hz, painter, window, gc, ready, sequence, former };
-        let gamma = output.level_gamma()?;
+        output.level_gamma()?;
         let saver = output.keep_awake().map_err(|e| failed("keep the screen on", e))?;
-        output.former = Some(Former { gamma, saver });
+        output.former.iter_mut().for_each(|former| former.saver = saver);
         Ok(output)
     }
 
-    /// Makes the monitor's gamma ramp the identity; returns the former one, if there is any.
-    fn level_gamma(&self) -> Result<Option<[Vec<u16>; 3]>, CaptureError> {
-        let Some(crtc) = self.monitor.crtc else { return Ok(None) };
+    /// Makes the monitor's gamma ramp the identity, if it has one.
+    fn level_gamma(&mut self) -> Result<(), CaptureError> {
+        let Some(crtc) = self.monitor.crtc else { return Ok(()) };
         let c = &self.desktop.connection;
         let read = || -> Result<[Vec<u16>; 3], XError> {
             let ramps = c.randr_get_crtc_gamma(crtc)?.reply()?;
@@ -87,9 +87,11 @@ impl WindowOutput {
         };
         let former = read().map_err(|e| failed("read its gamma ramp", e))?;
         if former[0].len() < 2 || former.iter().all(|ramp| is_identity(ramp)) {
-            return Ok(None);
+            return Ok(());
         }
         let ramp = identity_ramp(former[0].len());
+        // Put back even if what follows is refused.
+        self.former.iter_mut().for_each(|found| found.gamma = Some(former.clone()));
         let set = || -> Result<[Vec<u16>; 3], XError> {
             c.randr_set_crtc_gamma(crtc, &ramp, &ramp, &ramp)?.check()?;
             read()
@@ -99,7 +101,7 @@ impl WindowOutput {
             let remedy = "end colour management and night light, or use driver = \"kms\"";
             return Err(cannot(&self.monitor.name, "does not take an identity gamma ramp", remedy));
         }
-        Ok(Some(former))
+        Ok(())
     }
 
     /// Turns the screen saver off; returns how it was.

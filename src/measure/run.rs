@@ -18,7 +18,7 @@ use crate::optics::{OpticalMap, Rig};
 use crate::patterns::{LobePair, Lobes, Pattern, Plan, Step, Timing};
 use crate::radiometry::ColourSpace;
 use crate::reduce::{CellMap, Coefficients, ReduceError, Reduced, Reducer};
-use crate::store;
+use crate::store::{self, StoreError};
 
 /// What is to be measured, and with what.
 #[derive(Clone, Copy)]
@@ -50,7 +50,7 @@ pub struct Measurement {
 /// Runs a plan on the sample. With `folder`, everything is recorded there.
 ///
 /// # Errors
-/// [`MeasureError`]. Before the devices are open, there is no folder then; later it says `stopped` or `failed` in its record,
+/// [`MeasureError`]. As long as the devices are not open, there is no folder then; later it says `stopped` or `failed` in its record,
 /// and [`resume`] takes what is missing.
 pub fn measure(
     request: &Request<'_>,
@@ -66,15 +66,23 @@ pub fn measure(
     let prepared = Prepared::new(request)?;
     calibration.to_colours(plan.colour_space())?;
     let record = new_record(request, &prepared.pairs);
-    if let Some(folder) = folder {
+    let first = record.clone();
+    let mut begin = || {
+        let Some(folder) = folder else { return Ok(()) };
         folder.begin(|path| {
             store::write(&path.join("rig.toml"), rig.to_toml().as_bytes())?;
             store::write(&path.join("plan.toml"), plan.to_toml().as_bytes())?;
             calibration.write(&path.join("calibration"), rig)?;
-            store::write_json(&path.join("run.json"), &record)
-        })?;
-    }
-    perform(request, bench, prepared, record, folder, progress)
+            store::write_json(&path.join("run.json"), &first)
+        })
+    };
+    perform(request, bench, prepared, record, Place { folder, begin: &mut begin }, progress)
+}
+
+/// Where a run is recorded, and what makes that ready.
+struct Place<'a> {
+    folder: Option<&'a RunFolder>,
+    begin: &'a mut dyn FnMut() -> Result<(), StoreError>,
 }
 
 /// Goes on with a run that was stopped, failed or killed: takes the frames that are missing and reduces all.
@@ -101,7 +109,9 @@ pub fn resume<E: From<MeasureError>>(
     let request =
         Request { rig: &rig, plan: &plan, calibration: &calibration, provenance: &provenance, control, adviser };
     let prepared = Prepared::new(&request)?;
-    Ok(perform(&request, bench.as_mut(), prepared, record, Some(&folder), progress)?)
+    let mut begin = || Ok(());
+    let place = Place { folder: Some(&folder), begin: &mut begin };
+    Ok(perform(&request, bench.as_mut(), prepared, record, place, progress)?)
 }
 
 fn open(path: &Path) -> Result<(RunFolder, RunRecord), MeasureError> {
@@ -154,18 +164,21 @@ fn perform(
     bench: &mut dyn Bench,
     prepared: Prepared,
     mut record: RunRecord,
-    folder: Option<&RunFolder>,
+    place: Place<'_>,
     progress: &mut Progress<'_>,
 ) -> Result<Measurement, MeasureError> {
-    let started = Instant::now();
+    let (started, folder) = (Instant::now(), place.folder);
     record.capture.sessions += 1;
     record.status = "running".into();
-    if let Some(folder) = folder {
-        store::write_json(&folder.file("run.json"), &record)?;
-    }
-    let captured = capture(request, bench, prepared, folder, progress);
+    let mut begun = false;
+    let mut begin = || {
+        (place.begin)()?;
+        begun = true;
+        folder.map_or(Ok(()), |folder| store::write_json(&folder.file("run.json"), &record))
+    };
+    let captured = capture(request, bench, prepared, Place { folder, begin: &mut begin }, progress);
     let outcome = captured.and_then(|captured| finish(request, captured, &mut record, started, folder));
-    if let (Err(error), Some(folder)) = (&outcome, folder) {
+    if let (Err(error), Some(folder), true) = (&outcome, folder, begun) {
         let stopped = matches!(error, MeasureError::Capture(CaptureError::Stopped { .. }));
         record.status = if stopped { "stopped" } else { "failed" }.into();
         record.compute_s += started.elapsed().as_secs_f64();
@@ -242,7 +255,7 @@ fn capture(
     request: &Request<'_>,
     bench: &mut dyn Bench,
     prepared: Prepared,
-    folder: Option<&RunFolder>,
+    place: Place<'_>,
     progress: &mut Progress<'_>,
 ) -> Result<Captured, MeasureError> {
     let Request { rig, plan, calibration, control, .. } = *request;
@@ -292,7 +305,8 @@ fn capture(
         longest_s,
         crop,
         maps: calibration.sensor.as_ref(),
-        folder,
+        folder: place.folder,
+        begin: place.begin,
     };
     let summary = Engine::new(rig, bench, control.clone()).run(run, &mut timed, |lobe, response| {
         reducer.lock().unwrap_or_else(PoisonError::into_inner).add(lobe, &response);

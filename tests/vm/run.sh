@@ -6,6 +6,8 @@
 # QEMU (without KVM) boots a kernel of the distribution, unpacked under target/vm, and sees the host's files read-only.
 # Nothing is installed but packages, nothing is skipped: what is missing is a failure.
 set -euo pipefail
+# Also in $(...).
+shopt -s inherit_errexit
 
 fail() {
     echo "tests/vm/run.sh: $1" >&2
@@ -51,23 +53,38 @@ kernel_packages() {
     fail "apt knows no kernel: run apt-get update"
 }
 
+# A machine that has never asked for packages knows none.
+[[ -n $(apt-cache search --names-only '^linux-image-') ]] || as_root apt-get update >&2
+
+# Gets packages into a folder.
+download() {
+    # shellcheck disable=SC2086 # one word each
+    (cd "$1" && apt-get download $2 >&2)
+}
+
 # Downloads and unpacks a kernel unless that has been done. Prints where it is.
 unpack_kernel() {
     local packages
     packages=$(kernel_packages | sort -u)
-    local kernel=$vm/kernel
-    if [[ $(cat "$kernel/packages" 2>/dev/null) != "$packages" ]]; then
+    local kernel=$vm/kernel had=""
+    [[ ! -f $kernel/packages ]] || had=$(<"$kernel/packages")
+    if [[ $had != "$packages" ]]; then
         echo "tests/vm/run.sh: unpacking $(tr '\n' ' ' <<<"$packages")" >&2
-        rm -rf "$kernel"
-        mkdir -p "$kernel/download"
-        # shellcheck disable=SC2086 # one word each
-        (cd "$kernel/download" && apt-get download $packages >&2) || fail "the kernel cannot be downloaded: run apt-get update"
+        rm -rf "$kernel.part"
+        mkdir -p "$kernel.part/download"
+        if ! download "$kernel.part/download" "$packages"; then
+            # A list of yesterday names a kernel that was replaced since.
+            as_root apt-get update >&2
+            packages=$(kernel_packages | sort -u)
+            download "$kernel.part/download" "$packages" || fail "the kernel cannot be downloaded: look at apt's sources"
+        fi
         local package
-        for package in "$kernel"/download/*.deb; do
-            dpkg -x "$package" "$kernel"
+        for package in "$kernel.part"/download/*.deb; do
+            dpkg -x "$package" "$kernel.part"
         done
-        rm -rf "$kernel/download"
-        echo "$packages" >"$kernel/packages"
+        rm -rf "$kernel.part/download" "$kernel"
+        echo "$packages" >"$kernel.part/packages"
+        mv "$kernel.part" "$kernel"
     fi
     echo "$kernel"
 }
@@ -114,7 +131,8 @@ command='status=0'
 while read -r name path; do
     [[ -n $name ]] || fail "no test was built"
     # One device, one test at a time.
-    command+="; echo; echo == $name; '$path' --ignored --show-output --test-threads=1 || status=1"
+    command+="; echo; echo == $name; '$path' --ignored --show-output --test-threads=1 | tee /run/tmp/said || status=1"
+    command+="; grep -q 'test result: ok. [1-9]' /run/tmp/said || { echo '$name: no test passed'; status=1; }"
 done <<<"$built"
 target=${CARGO_TARGET_DIR:-target}/release
 rig=optics/ghosh-2007-built.toml

@@ -55,6 +55,10 @@ pub fn run(session: &Session<'_>, file: &Path) -> anyhow::Result<Report> {
     if !args.resume {
         store::vacant(&args.out)?;
     }
+    if args.devices.is_some() {
+        // Devices are the same for all: what is wrong with them is found out before anything is written.
+        samples.iter().try_for_each(|sample| session.checked(sample).map(drop))?;
+    }
     let calibration = calibration(session)?;
     let mut outcomes = Vec::new();
     for sample in &samples {

@@ -13,7 +13,7 @@ use zonal::calibrate::{
     NoiseFigures, Origin, Reference, ResponseMethod, RigMap, align, black_trap, camera_codes, colour, flat_field,
     gray_card, gray_card_plan, in_order, linearity, map, noise, response,
 };
-use zonal::capture::{Bench, Placement, SensorMaps, check_devices};
+use zonal::capture::{Bench, Control, Placement, SensorMaps, check_devices};
 use zonal::optics::Rig;
 use zonal::patterns::{Exitant, Plan};
 use zonal::radiometry::{LinearRange, Response};
@@ -190,7 +190,7 @@ impl<'a> Job<'a> {
 
     fn bench(&self) -> anyhow::Result<Box<dyn Bench>> {
         if let Some(path) = &self.args.devices {
-            let bench = common::devices(&common::devices_file(path)?, &self.rig, self.args.yes)?;
+            let bench = common::devices(&common::devices_file(path)?, &self.rig, self.args.yes, &Control::default())?;
             check_devices(&self.rig, &bench, &[])?;
             return Ok(Box::new(bench));
         }

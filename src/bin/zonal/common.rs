@@ -193,7 +193,7 @@ pub fn for_calibration(config: &TwinConfig) -> TwinConfig {
 }
 
 /// Real devices for a rig, as their file says. Somebody must be there to put things in place, unless they are (`yes`).
-pub fn devices(file: &DevicesFile, rig: &Rig, yes: bool) -> anyhow::Result<DeviceBench> {
+pub fn devices(file: &DevicesFile, rig: &Rig, yes: bool, control: &Control) -> anyhow::Result<DeviceBench> {
     let operator = match (yes, std::io::stdin().is_terminal()) {
         (true, _) => Operator::Gone,
         (false, true) => Operator::AtTerminal,
@@ -203,7 +203,7 @@ pub fn devices(file: &DevicesFile, rig: &Rig, yes: bool) -> anyhow::Result<Devic
             return Err(BadUsage(message.into()).into());
         }
     };
-    Ok(DeviceBench::new(file, rig, operator)?)
+    Ok(DeviceBench::steered(file, rig, operator, control)?)
 }
 
 /// Reads a devices file.
@@ -311,8 +311,9 @@ pub fn message(error: &anyhow::Error) -> String {
 /// 1 where a device failed or a computation broke down, 2 where the request or its files must change.
 pub fn exit_code(error: &anyhow::Error) -> ExitCode {
     let device = |e: &CaptureError| {
-        use CaptureError::{Device, Frozen, NoTag, Rejected, Stopped};
-        matches!(e.cause(), Device { .. } | Frozen { .. } | NoTag { .. } | Rejected { .. } | Stopped { .. })
+        use CaptureError::{Declined, Device, Frozen, NoTag, Rejected, Stopped};
+        let stopped = matches!(e.cause(), Stopped { .. } | Declined { .. });
+        stopped || matches!(e.cause(), Device { .. } | Frozen { .. } | NoTag { .. } | Rejected { .. })
     };
     let failed = error.chain().any(|cause| {
         cause.downcast_ref::<CaptureError>().is_some_and(device)

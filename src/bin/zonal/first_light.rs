@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use zonal::capture::Control;
 use zonal::devices::{Verdict, first_light};
 
 use crate::common::{self, DevicesFail, Report};
@@ -17,7 +18,7 @@ pub struct Args {
 pub fn run(args: &Args) -> anyhow::Result<Report> {
     let rig = common::rig(&args.rig)?;
     // Whatever is in place will do, if it is white.
-    let bench = common::devices(&common::devices_file(&args.devices)?, &rig, true)?;
+    let bench = common::devices(&common::devices_file(&args.devices)?, &rig, true, &Control::default())?;
     let found = first_light(&rig, &bench);
     if !found.is_good() {
         let failed = found.findings.iter().filter(|f| f.verdict == Verdict::Fails).count();

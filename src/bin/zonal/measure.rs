@@ -37,7 +37,7 @@ pub struct Args {
     #[arg(long, value_name = "MATERIAL")]
     pub simulate: Option<String>,
     /// Measure with the real devices of this file; with --resume, instead of those the run was begun with.
-    #[arg(long, value_name = "FILE", conflicts_with = "simulate")]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["simulate", "twin", "noiseless", "paced", "free_running", "fault", "misalign"])]
     pub devices: Option<PathBuf>,
     /// The sample is in place: do not ask.
     #[arg(long, conflicts_with = "batch")]
@@ -206,7 +206,7 @@ impl Session<'_> {
             }
             (Some(path), None) => {
                 let file = common::devices_file(path)?;
-                self.check(&common::devices(&file, self.rig, self.args.yes)?)?;
+                self.check(&common::devices(&file, self.rig, self.args.yes, &self.control)?)?;
                 Ok(Apparatus::Real(Box::new(file)))
             }
             (None, Some(material)) => {
@@ -239,8 +239,9 @@ impl Session<'_> {
                 (Box::new(bench), folder, sample.simulate.clone().unwrap_or_default(), sample.name.clone())
             }
             Apparatus::Real(file) => {
-                let bench = common::devices(&file, self.rig, self.args.yes)?;
-                let folder = folder.holding(DEVICES, file.to_toml());
+                let bench = common::devices(&file, self.rig, self.args.yes, &self.control)?;
+                // Whoever goes on may be elsewhere.
+                let folder = folder.holding(DEVICES, file.from_anywhere()?.to_toml());
                 (Box::new(bench), folder, sample.name.clone().unwrap_or_else(unnamed), None)
             }
         };
@@ -278,7 +279,12 @@ impl Session<'_> {
             let Provenance { simulation, sample, grain_deg, .. } = &record.provenance;
             let Some(simulation) = simulation else {
                 let path = self.args.devices.clone().unwrap_or_else(|| out.join(DEVICES));
-                return Ok(Box::new(common::devices(&common::devices_file(&path)?, rig, self.args.yes)?));
+                return Ok(Box::new(common::devices(
+                    &common::devices_file(&path)?,
+                    rig,
+                    self.args.yes,
+                    &self.control,
+                )?));
             };
             if self.args.devices.is_some() {
                 return Err(BadUsage("this run was simulated: resume it without --devices".into()).into());
