@@ -86,7 +86,7 @@ fn devices_that_do_not_fit_the_rig_are_refused() {
 fn folders_and_times_that_cannot_be_are_refused() {
     let desk = Desk::new();
     let file = desk.file(&desk.camera(), &(desk.projector() + "settle_s = 1e30\n"));
-    desk.refuses(&file, &["projector.settle_s = 1e30", "up to 3600"]);
+    desk.refuses(&file, &["projector.settle_s", "up to 3600"]);
     let out = desk.path("out").display().to_string();
     let calibrate = |file: &str, said: &[&str]| {
         refused(&["calibrate", "response", RIG, "--devices", file, "--yes", "--out", &out], said);

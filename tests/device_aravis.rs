@@ -94,6 +94,10 @@ fn what_the_camera_cannot_do_is_said() {
     let _fake = Fake::start();
     let error = bench("Mono12Packed", 64, 64, Path::new("out")).camera().limits().unwrap_err().to_string();
     assert!(error.contains("none of Mono8"), "{error}");
+    let error = bench("Mono12", 64, 64, Path::new("out")).camera().limits().unwrap_err().to_string();
+    assert!(error.contains("has no Mono12, only") && error.contains("Mono8"), "{error}");
+    let error = bench("Mono8", 3400, 2560, Path::new("out")).camera().limits().unwrap_err().to_string();
+    assert!(error.contains("2048 x 2048") && error.contains("3400 x 2560"), "{error}");
     let text = "format = 1\n[camera]\ndriver = \"aravis\"\ncamera = \"127.0.0.9\"\npixel_format = \"Mono8\"\nwidth_px = 64\n\
                 height_px = 64\n[projector]\ndriver = \"files\"\nfolder = \"out\"\nwidth_px = 4\nheight_px = 4\nrefresh_hz = 60\n";
     let missing = DeviceBench::new(&DevicesFile::from_toml(text).unwrap(), &rig(), Operator::Gone).unwrap();

@@ -7,6 +7,7 @@ use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 
 use x11rb::connection::Connection;
+use x11rb::protocol::randr::ConnectionExt as _;
 use x11rb::protocol::xproto::{ConnectionExt, ImageFormat};
 use x11rb::rust_connection::RustConnection;
 use zonal::capture::Bench;
@@ -132,6 +133,31 @@ fn the_chosen_monitor_shows_every_pixel_and_no_other_shows_any() {
     assert!(projector.load(&[Pattern::full(640, 480, 0)]).is_err(), "nothing is scaled");
     projector.restore().unwrap();
     assert_eq!(wrong(&desktop.pixels(), &black), (0, 0), "the desktop is back");
+}
+
+#[test]
+fn a_bent_gamma_ramp_is_levelled_and_put_back() {
+    let desktop = Desktop::start();
+    let (connection, screen) = RustConnection::connect(Some(&desktop.display)).unwrap();
+    let root = connection.setup().roots[screen].root;
+    let crtc = connection.randr_get_screen_resources_current(root).unwrap().reply().unwrap().crtcs[0];
+    let ramps = || {
+        let ramps = connection.randr_get_crtc_gamma(crtc).unwrap().reply().unwrap();
+        [ramps.red, ramps.green, ramps.blue]
+    };
+    let size = ramps()[0].len();
+    assert!(size > 2, "the server has no gamma ramp");
+    let level: Vec<u16> = (0..size).map(|i| (i * 65_535 / (size - 1)) as u16).collect();
+    let bent: Vec<u16> = level.iter().map(|&x| (u32::from(x).pow(2) / 65_535) as u16).collect();
+    connection.randr_set_crtc_gamma(crtc, &bent, &level, &bent).unwrap().check().unwrap();
+    let found = ramps();
+    assert_eq!(found[0], bent);
+    let bench = desktop.bench("monitor = \"CAM\"\nrefresh_hz = 60\n");
+    let mut projector = bench.projector().open().unwrap();
+    let off = |ramp: &[u16]| ramp.iter().zip(&level).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
+    assert!(ramps().iter().all(|ramp| off(ramp) <= 1), "{:?}", ramps()[0]);
+    projector.restore().unwrap();
+    assert_eq!(ramps(), found);
 }
 
 #[test]
