@@ -182,9 +182,11 @@ fn devices_lists_every_driver_with_what_can_be_pasted() {
 fn first_light_fails_plainly() {
     let desk = Desk::new();
     let file = desk.file(&(desk.camera() + "timeout_s = 0.1\n"), &desk.projector());
-    let output = zonal(&["first-light", RIG, &file]);
+    let output = zonal(&["--json", "first-light", RIG, &file]);
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(1), "{said}");
+    let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(found["findings"].as_array().is_some_and(|f| !f.is_empty()), "{found}");
     assert!(
         said.contains("good  projector") && said.contains("FAILS camera") && said.contains("no new .png"),
         "{said}"

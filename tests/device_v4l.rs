@@ -11,12 +11,13 @@ use std::time::{Duration, Instant};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use zonal::capture::{
-    Bench, Camera, CameraFactory, CaptureError, Clock, Crop, Frame, Placement, Projector, ProjectorFactory,
-    ProjectorLimits, Triggering, capture_frames,
+    AllSteps, Bench, Bracket, Camera, CameraFactory, CaptureError, Clock, Control, Crop, Engine, Frame, Placement,
+    Projector, ProjectorFactory, ProjectorLimits, Run, RunFolder, Triggering, capture_frames,
 };
 use zonal::devices::{DeviceBench, DevicesFile, MonotonicClock, Operator, PixelFormat};
 use zonal::optics::Rig;
 use zonal::patterns::Pattern;
+use zonal::store::{self, StoreError};
 
 const CAMERA: &str = "/dev/video0";
 /// Exposure time that vivid is said to have.
@@ -498,7 +499,49 @@ fn when_it_is_unplugged_the_error_says_how_to_go_on() {
     assert!(camera.restore().is_err());
     drop(camera);
     bind_again();
-    let error = taken_despite("disconnect=1").unwrap_err().to_string();
+    let folder = scratch();
+    let path = folder.path().join("run");
+    let run = RunFolder::create(&path, false).unwrap();
+    let begin = || run.begin(|part| store::write(&part.join("run.json"), b"{}"));
+    let error = stored(&run, &begin, Some(5)).unwrap_err().to_string();
     assert!(error.contains("is gone") && error.contains("resume"), "{error}");
     bind_again();
+    webcam();
+    // The pair that was whole when it was unplugged is not taken again.
+    let frames = stored(&RunFolder::open(&path).unwrap(), &|| Ok(()), None).unwrap();
+    assert!((1..8).contains(&frames), "{frames} taken anew");
+    assert_eq!(fs::read_dir(path.join("responses")).unwrap().count(), 8);
+    bind_again();
+}
+
+/// Frames that this session takes of a run of four pairs, the camera being unplugged after some.
+fn stored(
+    folder: &RunFolder,
+    begin: &dyn Fn() -> Result<(), StoreError>,
+    unplugged_after: Option<usize>,
+) -> Result<usize, CaptureError> {
+    let scratch = scratch();
+    let mut rig = rig();
+    (rig.camera.width_px, rig.camera.height_px, rig.projector.tag) = (640, 360, false);
+    let mut bench = bench(&vivid("GREY", 640, 360, ""), scratch.path());
+    let patterns: Vec<Pattern> = (0..8).map(|code| Pattern::full(800, 600, 30 * code)).collect();
+    let run = Run {
+        patterns: &patterns,
+        mixed: false,
+        director: &mut AllSteps::new(4),
+        repeats: 1,
+        exposer: &mut Bracket(vec![FIXED_S]),
+        longest_s: FIXED_S,
+        crop: Crop { u0: 0, v0: 0, width: 640, height: 2 },
+        maps: None,
+        folder: Some(folder),
+        begin: &mut || begin(),
+    };
+    let mut progress = |done: usize, _: usize| {
+        if Some(done) == unplugged_after {
+            v4l2_ctl(CAMERA, &["-c", "disconnect=1"]);
+        }
+    };
+    let taken = Engine::new(&rig, &mut bench, Control::default()).run(run, &mut progress, |_, _| ())?;
+    Ok(taken.effort.frames)
 }

@@ -87,6 +87,17 @@ mod tests {
     const TABLE_DEG: f64 = 1e-3;
 
     #[test]
+    fn weights_reproduce_cubics() {
+        for x in [0.0, 0.3, 0.9, -0.8, 1.8] {
+            let w = cubic(x);
+            for power in 0..4 {
+                let got: f64 = (0..4).map(|i| w[i] * (i as f64 - 1.0).powi(power)).sum();
+                assert!((got - x.powi(power)).abs() < 1e-12);
+            }
+        }
+    }
+
+    #[test]
     fn corrected_maps_are_those_of_misaligned_devices() {
         let m = Misalignment {
             camera_displacement_mm: [0.4, -0.3],

@@ -8,6 +8,7 @@ use super::finite::{MARGIN, Pencil, Pupils};
 use super::geometry::InverseMap;
 use crate::geometry::quadrature::tangents;
 use crate::geometry::{Direction, Sample, Zone};
+use crate::optics::cubic;
 use crate::reflectance::Brdf;
 
 /// Size of the quadrature and of the grid of exitant directions it is made on.
@@ -280,7 +281,7 @@ impl Grid {
         let r = ((theta - self.theta0) / self.ring_step).clamp(0.0, (self.rings - 1) as f64);
         let r0 = (r as usize).clamp(1, self.rings - 3) - 1;
         let s = phi.rem_euclid(TAU) / TAU * self.sectors as f64;
-        let (wr, ws) = (lagrange(r - r0 as f64), lagrange(s - s.floor() + 1.0));
+        let (wr, ws) = (cubic(r - r0 as f64 - 1.0), cubic(s - s.floor()));
         let s0 = s.floor() as usize + self.sectors - 1;
         std::array::from_fn(|i| {
             let (a, b) = (i / 4, i % 4);
@@ -355,12 +356,6 @@ fn accumulate(visits: &[Visit], light: &PatternLight, out: &mut [f32]) {
             out[channel * light.patterns + first..][..n].copy_from_slice(&sums[..n]);
         }
     }
-}
-
-/// Weights of four samples at 0, 1, 2, 3 for the position x.
-fn lagrange(x: f64) -> [f64; 4] {
-    let (a, b, c, d) = (x, x - 1.0, x - 2.0, x - 3.0);
-    [-b * c * d / 6.0, a * c * d / 2.0, -a * b * d / 2.0, a * b * c / 6.0]
 }
 
 /// Share of a direction's light that the lobe's lattice takes: 1 near the mirror direction, 0 beyond `radius`.
@@ -452,17 +447,6 @@ mod tests {
             let got: f64 = nodes.map(|(_, wi, w)| w * wi.cos_theta()).sum();
             // The lobe's lattice is cut by the dome's edge: of first order there, some 1e-4 of all.
             assert!((got / dome.projected_solid_angle() - 1.0).abs() < 5e-4, "{theta}: {got}");
-        }
-    }
-
-    #[test]
-    fn lagrange_weights_reproduce_cubics() {
-        for x in [1.0, 1.3, 1.9, 0.2, 2.8] {
-            let w = lagrange(x);
-            for power in 0..4 {
-                let got: f64 = (0..4).map(|i| w[i] * (i as f64).powi(power)).sum();
-                assert!((got - x.powi(power)).abs() < 1e-12);
-            }
         }
     }
 }

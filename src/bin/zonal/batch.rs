@@ -89,10 +89,10 @@ pub fn run(session: &Session<'_>, file: &Path) -> anyhow::Result<Report> {
     }
     let table = table(&outcomes);
     let failed = outcomes.iter().filter(|o| o.error.is_some()).count();
-    if failed > 0 {
-        return Err(SamplesFailed { failed, all: outcomes.len(), table }.into());
-    }
     let json = serde_json::json!({ "out": common::said(&args.out), "samples": outcomes });
+    if failed > 0 {
+        return Err(SamplesFailed { failed, all: outcomes.len(), table, json }.into());
+    }
     Ok(Report { text: table, json })
 }
 

@@ -285,6 +285,8 @@ pub struct SamplesFailed {
     pub all: usize,
     /// What became of each.
     pub table: String,
+    /// The same for `--json`.
+    pub json: serde_json::Value,
 }
 
 /// Devices that cannot do what a measurement needs.
@@ -297,6 +299,14 @@ pub struct DevicesFail {
     pub all: usize,
     /// What was found out.
     pub table: String,
+    /// The same for `--json`.
+    pub json: serde_json::Value,
+}
+
+/// What was found out all the same, for `--json`.
+pub fn found(error: &anyhow::Error) -> Option<&serde_json::Value> {
+    let of_devices = error.downcast_ref::<DevicesFail>().map(|e| &e.json);
+    of_devices.or_else(|| error.downcast_ref::<SamplesFailed>().map(|e| &e.json))
 }
 
 /// An error and its causes, each said once.

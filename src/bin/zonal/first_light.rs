@@ -22,7 +22,8 @@ pub fn run(args: &Args) -> anyhow::Result<Report> {
     let found = first_light(&rig, &bench);
     if !found.is_good() {
         let failed = found.findings.iter().filter(|f| f.verdict == Verdict::Fails).count();
-        return Err(DevicesFail { failed, all: found.findings.len(), table: found.to_string() }.into());
+        let (all, table) = (found.findings.len(), found.to_string());
+        return Err(DevicesFail { failed, all, table, json: serde_json::to_value(&found)? }.into());
     }
     Ok(Report { text: found.to_string(), json: serde_json::to_value(&found)? })
 }

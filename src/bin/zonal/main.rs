@@ -137,6 +137,10 @@ fn main() -> ExitCode {
             }
         }
         Err(error) => {
+            if let (true, Some(found)) = (cli.json, common::found(&error)) {
+                // Who closed the pipe reads the status.
+                let _ = writeln!(std::io::stdout(), "{found}");
+            }
             eprintln!("error: {}", common::message(&error));
             common::exit_code(&error)
         }
