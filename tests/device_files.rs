@@ -95,7 +95,7 @@ struct Player {
 impl Player {
     fn new(place: &Place) -> Self {
         let bench = TwinBench::new(&place.rig, place.config.clone(), open(MATERIAL).unwrap());
-        // What an earlier program asked for is no concern of this one.
+        // What an earlier program asked for is no concern of this one; the next must not have asked yet.
         let (frames, patterns) = (place.path("frames"), place.path("patterns"));
         let _ = fs::remove_file(frames.join("shots.csv"));
         let saved = fs::read_dir(&frames).map_or(0, |entries| entries.count());
@@ -195,6 +195,7 @@ fn as_measured_directly(place: &Place, run: &Path) {
 #[test]
 fn a_tethered_camera_takes_a_whole_run() {
     let place = Place::new(2);
+    let mut player = Player::new(&place);
     let mut child = place.measure(
         "run",
         &[
@@ -204,7 +205,7 @@ fn a_tethered_camera_takes_a_whole_run() {
             place.path("cal").to_str().unwrap(),
         ],
     );
-    Player::new(&place).play(|| ended(&mut child));
+    player.play(|| ended(&mut child));
     let output = child.wait_with_output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     as_measured_directly(&place, &place.path("run"));
@@ -221,18 +222,20 @@ fn a_tethered_camera_takes_a_whole_run() {
 fn a_camera_that_stops_answering_ends_the_run_which_goes_on_later() {
     let place = Place::new(0);
     let (devices, cal) = (place.path("devices.toml"), place.path("cal"));
+    let mut player = Player::new(&place);
     let mut child =
         place.measure("run", &["--devices", devices.to_str().unwrap(), "--calibration", cal.to_str().unwrap()]);
     // All of making ready and a few frames.
     let journal = place.path("run/journal.jsonl");
     let frames = || fs::read_to_string(&journal).unwrap_or_default().matches("\"frame\"").count();
-    Player::new(&place).play(|| frames() >= 2 || ended(&mut child));
+    player.play(|| frames() >= 2 || ended(&mut child));
     let output = child.wait_with_output().unwrap();
     let error = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(1), "{error}");
     assert!(error.contains("no new .png or .pgm") && error.contains("resume"), "{error}");
+    let mut player = Player::new(&place);
     let mut child = place.measure("run", &["--resume"]);
-    Player::new(&place).play(|| ended(&mut child));
+    player.play(|| ended(&mut child));
     let output = child.wait_with_output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     as_measured_directly(&place, &place.path("run"));
