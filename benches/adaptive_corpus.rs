@@ -151,7 +151,7 @@ fn rig_out_of_place(seed: u64) -> TwinConfig {
 }
 
 /// Prints how many of the errors found lie within a factor 1.5 of what was expected, of the geometric mean of the material's other
-/// runs, and of the number that covers most of them: what nobody can do better who does not know the noise itself.
+/// runs, and of the number that covers most of them: what nobody can do better who does not know how this rig is out of place.
 fn foretellable(repeated: impl Iterator<Item = (String, Vec<(f64, f64)>)>) {
     let within = |found: f64, expected: f64| usize::from((found / expected).ln().abs() < 1.5f64.ln());
     let mut sums = [("abc", [0; 4]), ("others", [0; 4])];

@@ -163,10 +163,10 @@ fn a_run_can_be_paused_stopped_and_resumed() {
 /// read in an exposure of two refresh periods.
 const UNSEEN: f64 = 0.005;
 
-/// The simulated devices; the camera's trigger returns a while after the exposure has begun.
-struct SlowTrigger(TwinBench);
+/// The simulated rig with a camera that is opened in another way.
+struct OtherCamera(TwinBench, fn(&TwinBench) -> Result<Box<dyn Camera>, CaptureError>);
 
-impl Bench for SlowTrigger {
+impl Bench for OtherCamera {
     fn camera(&self) -> &dyn CameraFactory {
         self
     }
@@ -184,16 +184,17 @@ impl Bench for SlowTrigger {
     }
 }
 
-impl CameraFactory for SlowTrigger {
+impl CameraFactory for OtherCamera {
     fn limits(&self) -> Result<CameraLimits, CaptureError> {
         self.0.camera().limits()
     }
 
     fn open(&self) -> Result<Box<dyn Camera>, CaptureError> {
-        Ok(Box::new(SlowCamera(self.0.camera().open()?, self.0.clock())))
+        self.1(&self.0)
     }
 }
 
+/// Its trigger returns a while after the exposure has begun.
 struct SlowCamera(Box<dyn Camera>, Arc<dyn Clock>);
 
 impl Camera for SlowCamera {
@@ -224,56 +225,30 @@ impl Camera for SlowCamera {
     }
 }
 
-/// Without a patch frames are judged by their time; one that begins with its trigger is not too early.
-/// The simulated rig with a camera that another program takes between the check and the run.
-struct Taken(TwinBench);
-
-impl Bench for Taken {
-    fn camera(&self) -> &dyn CameraFactory {
-        self
-    }
-
-    fn projector(&self) -> &dyn ProjectorFactory {
-        self.0.projector()
-    }
-
-    fn clock(&self) -> Arc<dyn Clock> {
-        self.0.clock()
-    }
-
-    fn place(&mut self, what: Placement) -> Result<(), CaptureError> {
-        self.0.place(what)
-    }
-}
-
-impl CameraFactory for Taken {
-    fn limits(&self) -> Result<CameraLimits, CaptureError> {
-        self.0.camera().limits()
-    }
-
-    fn open(&self) -> Result<Box<dyn Camera>, CaptureError> {
-        Err(CaptureError::Device { device: "camera", step: "open".into(), reason: "another program has it".into() })
-    }
-}
-
+/// As if another program took the camera between the check and the run.
 #[test]
 fn a_device_that_cannot_be_opened_leaves_no_folder() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("run");
     let folder = RunFolder::create(&path, false).unwrap();
-    let mut taken = Taken(bench(TwinConfig::pinhole(3)));
+    let open = |_: &TwinBench| {
+        Err(CaptureError::Device { device: "camera", step: "open".into(), reason: "another program has it".into() })
+    };
+    let mut taken = OtherCamera(bench(TwinConfig::pinhole(3)), open);
     let error = common::measured(&COARSE, &plan(0), &mut taken, &CALIBRATION, Some(&folder)).map(drop).unwrap_err();
     assert!(matches!(error, MeasureError::Capture(CaptureError::Unusable(_))), "{error}");
     assert!(error.to_string().contains("another program has it") && !path.exists(), "{error}");
 }
 
+/// Without a patch frames are judged by their time; one that begins with its trigger is not too early.
 #[test]
 fn a_slow_trigger_costs_no_frame() {
     let mut rig = COARSE.clone();
     rig.projector.tag = false;
     let calibration = common::calibrated(&rig, &TwinConfig::pinhole(1));
     let inner = TwinBench::new(&rig, TwinConfig::pinhole(3), open("red-plastic").unwrap());
-    let measured = common::measured(&rig, &plan(0), &mut SlowTrigger(inner), &calibration, None).unwrap();
+    let open = |twin: &TwinBench| Ok(Box::new(SlowCamera(twin.camera().open()?, twin.clock())) as Box<dyn Camera>);
+    let measured = common::measured(&rig, &plan(0), &mut OtherCamera(inner, open), &calibration, None).unwrap();
     let capture = &measured.record.capture;
     assert!(!capture.tagged && capture.rejected == 0, "{capture:?}");
 }
