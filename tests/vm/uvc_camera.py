@@ -114,6 +114,8 @@ class UvcCamera:
         self.units = {CAMERA_TERMINAL: {2: auto, 4: self.exposure}, PROCESSING_UNIT: {4: self.gain}}
         self.probe = self.commit = (1, 1, INTERVALS[0])
         self.asked = collections.OrderedDict()  # what the driver waits for: number, size
+        self.submitted = 0  # number of the last submission
+        self.early = {}  # submissions that were taken back before they came, and by which number
         self.changed = threading.Condition()  # guards what is asked for, and the socket's writing side
         self.stream = 0  # how often streaming began or ended
         self.gone = False
@@ -142,23 +144,34 @@ class UvcCamera:
     def answer(self, head):
         command, number, _, reading, endpoint = struct.unpack(">5I", head[:20])
         if command == 2:
-            with self.changed:
-                found = self.asked.pop(struct.unpack(">I", head[20:24])[0], None)
-                self.link.sendall(struct.pack(">5Ii24x", 4, number, 0, 0, 0, 0 if found is None else -104))
+            submission = struct.unpack(">I", head[20:24])[0]
+            # The kernel may overtake itself, and drops the connection if what it was told to be taken back is answered later.
+            if submission > self.submitted:
+                self.early[submission] = number
+            else:
+                self.take_back(submission, number)
             return
         size = struct.unpack(">i", head[24:28])[0]
         if endpoint != 0:
             with self.changed:
                 self.asked[number] = size
                 self.changed.notify_all()
-            return
-        data = self.read(size) if reading == 0 and size > 0 else b""
-        reply = self.control(head[40:48], data)
+        else:
+            data = self.read(size) if reading == 0 and size > 0 else b""
+            reply = self.control(head[40:48], data)
+            with self.changed:
+                if reply is None:
+                    self.reply(number, -32, b"", 0)
+                else:
+                    self.reply(number, 0, reply[:size] if reading else b"", len(reply[:size]) if reading else size)
+        self.submitted = number
+        if number in self.early:
+            self.take_back(number, self.early.pop(number))
+
+    def take_back(self, submission, number):
         with self.changed:
-            if reply is None:
-                self.reply(number, -32, b"", 0)
-            else:
-                self.reply(number, 0, reply[:size] if reading else b"", len(reply[:size]) if reading else size)
+            found = self.asked.pop(submission, None)
+            self.link.sendall(struct.pack(">5Ii24x", 4, number, 0, 0, 0, 0 if found is None else -104))
 
     def reply(self, number, status, data, length):
         self.link.sendall(struct.pack(">5Iiiiii8x", 3, number, 0, 0, 0, status, length, 0, 0, 0) + data)
