@@ -2,11 +2,11 @@
 
 use std::collections::BTreeSet;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 use rayon::prelude::*;
 
+use super::isotropic::isotropic_sample;
 use super::{CellResponse, ReduceError};
-use crate::basis::{index, lm};
 use crate::geometry::{ExitantGrid, Zone};
 use crate::patterns::{Mixture, Step};
 
@@ -22,8 +22,8 @@ pub(super) struct Taken<'a> {
 }
 
 /// What a combination of frames tells: `mixture` is the sum of factor times rate over frames, `(step * 2 + part, factor)`.
-struct Row<'a> {
-    mixture: &'a Mixture,
+pub(super) struct Row<'a> {
+    pub mixture: &'a Mixture,
     frames: Vec<(usize, f64)>,
 }
 
@@ -35,9 +35,11 @@ pub(super) struct Rates {
     pub cells: Vec<Vec<[f64; 2]>>,
     /// RMS deviation of the cells from what isotropy allows, beyond noise, for one coefficient; 0 where nothing is assumed.
     pub deviation: f64,
+    /// RMS, radians, by which directions were off and are no more; 0 where nothing is assumed.
+    pub displacement: f64,
 }
 
-fn rows<'a>(taken: &[Taken<'a>]) -> Result<Vec<Row<'a>>, ReduceError> {
+pub(super) fn rows<'a>(taken: &[Taken<'a>]) -> Result<Vec<Row<'a>>, ReduceError> {
     let shows_black =
         |t: &Taken<'_>| matches!(t.step, Step::Parts(Mixture(terms)) if terms.iter().all(|&(k, _)| k == 0));
     let black = taken.iter().position(shows_black).map(|s| 2 * s + 1);
@@ -58,13 +60,13 @@ fn rows<'a>(taken: &[Taken<'a>]) -> Result<Vec<Row<'a>>, ReduceError> {
 }
 
 /// All functions that any row shows.
-fn functions(rows: &[Row<'_>]) -> Vec<usize> {
+pub(super) fn functions(rows: &[Row<'_>]) -> Vec<usize> {
     let all: BTreeSet<usize> = rows.iter().flat_map(|r| r.mixture.0.iter().map(|&(k, _)| k)).collect();
     all.into_iter().collect()
 }
 
 /// The least-squares inverse of a tall matrix.
-fn inverse(matrix: &DMatrix<f64>) -> Result<DMatrix<f64>, ReduceError> {
+pub(super) fn inverse(matrix: &DMatrix<f64>) -> Result<DMatrix<f64>, ReduceError> {
     let undetermined = ReduceError::Undetermined { rows: matrix.nrows(), functions: matrix.ncols() };
     if matrix.nrows() < matrix.ncols() {
         return Err(undetermined);
@@ -102,88 +104,11 @@ pub(super) fn any_sample(taken: &[Taken<'_>], cells: usize) -> Result<Rates, Red
         (0..cells).map(at).collect()
     };
     let cells = (0..functions.len()).into_par_iter().map(values).collect();
-    Ok(Rates { functions, cells, deviation: 0.0 })
-}
-
-/// Ring by ring, as if the sample were isotropic: at phi_o its coefficients are zeta_lm cos(m phi_o) and zeta_lm sin(m phi_o), so
-/// that the azimuths of a ring tell the m of a mixture apart. Standard errors are those of the ring as if each of its cells had
-/// been measured by itself.
-pub(super) fn isotropic_sample(
-    taken: &[Taken<'_>],
-    grid: ExitantGrid,
-    stray: &(dyn Fn(usize, usize) -> Option<[f64; 2]> + Sync),
-) -> Result<Rates, ReduceError> {
-    let rows = rows(taken)?;
-    let (sectors, cells) = (grid.sectors(), grid.len());
-    let functions = functions(&rows);
-    let terms: Vec<usize> = functions.iter().copied().filter(|&k| lm(k).1 >= 0).collect();
-    // Row by row, sector by sector.
-    let mut design = DMatrix::zeros(rows.len() * sectors, terms.len());
-    for (r, row) in rows.iter().enumerate() {
-        for &(k, factor) in &row.mixture.0 {
-            let (l, m) = lm(k);
-            let Ok(term) = terms.binary_search(&index(l, m.abs())) else { continue };
-            for sector in 0..sectors {
-                let (sin, cos) = (f64::from(m.abs()) * grid.phi(sector)).sin_cos();
-                design[(r * sectors + sector, term)] += factor * if m >= 0 { cos } else { sin };
-            }
-        }
-    }
-    let whole = inverse(&design)?;
-    let power: f64 = rows.iter().flat_map(|r| r.mixture.0.iter().map(|&(_, factor)| factor * factor)).sum();
-    let power = power / rows.len() as f64;
-    let of_ring = |at: usize| -> (Vec<[f64; 2]>, [f64; 2]) {
-        let first = at / grid.rings() * cells + at % grid.rings() * sectors;
-        let data: Vec<[f64; 2]> =
-            rows.iter().flat_map(|row| (0..sectors).map(move |s| datum(taken, row, first + s, stray))).collect();
-        let valid: Vec<usize> = (0..data.len()).filter(|&i| data[i][0].is_finite()).collect();
-        let unknown = (vec![[f64::NAN; 2]; terms.len()], [0.0; 2]);
-        if 2 * valid.len() < data.len() {
-            return unknown;
-        }
-        let partial;
-        let solver = if valid.len() == data.len() {
-            &whole
-        } else {
-            match inverse(&design.select_rows(&valid)) {
-                Ok(found) => partial = found,
-                Err(_) => return unknown,
-            }
-            &partial
-        };
-        let values = DVector::from_iterator(valid.len(), valid.iter().map(|&i| data[i][0]));
-        let zeta = solver * &values;
-        let variances = DVector::from_iterator(valid.len(), valid.iter().map(|&i| data[i][1]));
-        let variance = solver.map(|x| x * x) * &variances;
-        let excess: f64 = valid
-            .iter()
-            .map(|&i| {
-                (data[i][0] - design.row(i).iter().zip(zeta.iter()).map(|(d, z)| d * z).sum::<f64>()).powi(2)
-                    - data[i][1]
-            })
-            .sum();
-        let freedom = valid.len().saturating_sub(terms.len()) as f64;
-        (zeta.iter().zip(variance.iter()).map(|(z, v)| [*z, v * sectors as f64]).collect(), [excess, freedom])
-    };
-    let rings: Vec<_> = (0..3 * grid.rings()).into_par_iter().map(of_ring).collect();
-    let [excess, freedom] = rings.iter().fold([0.0; 2], |[e, f], (_, x)| [e + x[0], f + x[1]]);
-    let spread = |k: usize| -> Vec<[f64; 2]> {
-        let (l, m) = lm(k);
-        let term = terms.binary_search(&index(l, m.abs())).expect("mixtures hold both of a pair");
-        let at = |i: usize| {
-            let [zeta, variance] = rings[i / cells * grid.rings() + i % cells / sectors].0[term];
-            let (sin, cos) = (f64::from(m.abs()) * grid.phi(i % sectors)).sin_cos();
-            [zeta * if m >= 0 { cos } else { sin }, variance]
-        };
-        (0..3 * cells).map(at).collect()
-    };
-    let planes = functions.par_iter().map(|&k| spread(k)).collect();
-    let deviation = (excess / freedom.max(1.0) / power).max(0.0).sqrt();
-    Ok(Rates { functions, cells: planes, deviation })
+    Ok(Rates { functions, cells, deviation: 0.0, displacement: 0.0 })
 }
 
 /// Value and variance of a row in one cell, stray light taken off.
-fn datum(
+pub(super) fn datum(
     taken: &[Taken<'_>],
     row: &Row<'_>,
     i: usize,

@@ -3,6 +3,8 @@
 mod cells;
 mod coefficients;
 mod decoder;
+mod displacement;
+mod isotropic;
 mod reducer;
 mod turning;
 

@@ -2,7 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::decoder::{Taken, any_sample, isotropic_sample};
+use super::decoder::{Taken, any_sample};
+use super::isotropic::isotropic_sample;
 use super::{CellMap, CellResponse, Coefficients, ReduceError};
 use crate::basis::size;
 use crate::capture::ResponseImage;
@@ -142,7 +143,7 @@ impl Reducer {
         }
         let mut history = self.history.clone();
         if isotropic {
-            history += "; taken to be isotropic";
+            history += &format!("; taken to be isotropic, directions moved by {:.4} deg", rates.displacement.to_degrees());
         }
         let middle = 0.5 * (grid.zone().theta_min() + grid.zone().theta_max());
         let scale = (0..3).map(|c| self.scale.at(&grid.zone(), middle, c).abs()).sum::<f64>() / 3.0;
