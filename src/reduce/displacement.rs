@@ -26,9 +26,15 @@ const BEFORE: f64 = 8.7e-4;
 pub(super) struct Displacement(SVector<f64, PARAMETERS>);
 
 impl Displacement {
-    /// What rings tell, `[channel * rings + ring]`.
-    pub fn of(design: &Design, rings: &[Ring]) -> Self {
-        let told: Vec<_> = (0..rings.len()).into_par_iter().map(|at| normal_equations(design, rings, at)).collect();
+    /// No displacement.
+    pub fn none() -> Self {
+        Self(SVector::zeros())
+    }
+
+    /// What the data of `measured` tell, with the gradients of `rings`, both `[channel * rings + ring]`.
+    pub fn of(design: &Design, measured: &[Ring], rings: &[Ring]) -> Self {
+        let told = (0..rings.len()).into_par_iter().map(|at| normal_equations(design, &measured[at], rings, at));
+        let told: Vec<_> = told.collect();
         let mut matrix = SMatrix::identity() * BEFORE.powi(-2);
         let mut right = SVector::zeros();
         // In their order, so that a run gives the same bits again.
@@ -72,9 +78,11 @@ fn columns(design: &Design, rings: &[Ring], at: usize) -> Option<DMatrix<f64>> {
     let (ring, sectors) = (at % grid.rings(), grid.sectors());
     let zeta = |at: usize| rings[at].zeta.as_ref().map(|z| DVector::from_iterator(z.len(), z.iter().map(|z| z[0])));
     // One-sided at the zone's edges.
-    let below = if ring == 0 { at } else { at - 1 };
-    let above = if ring + 1 == grid.rings() { at } else { at + 1 };
-    let slope = (zeta(above)? - zeta(below)?) / ((above - below) as f64 * grid.ring_width());
+    let slope = match ring {
+        0 => zeta(at + 1)? * 4.0 - zeta(at)? * 3.0 - zeta(at + 2)?,
+        last if last + 1 == grid.rings() => zeta(at)? * 3.0 - zeta(at - 1)? * 4.0 + zeta(at - 2)?,
+        _ => zeta(at + 1)? - zeta(at - 1)?,
+    } / (2.0 * grid.ring_width());
     let (along_theta, along_phi) = (&design.shown * slope, &design.turned * zeta(at)?);
     let cot = grid.theta(ring).tan().recip();
     let powers = powers(&grid, ring);
@@ -98,11 +106,12 @@ pub(super) fn is_cut(grid: &ExitantGrid, ring: usize) -> bool {
 /// Of the part of the data that no isotropic sample explains. Rings that are cut or saturated in places are passed over.
 fn normal_equations(
     design: &Design,
+    measured: &Ring,
     rings: &[Ring],
     at: usize,
 ) -> Option<(SMatrix<f64, PARAMETERS, PARAMETERS>, SVector<f64, PARAMETERS>)> {
-    let data = &rings[at].data;
-    if !rings[at].is_whole() || is_cut(&design.grid, at % design.grid.rings()) {
+    let data = &measured.data;
+    if !measured.is_whole() || is_cut(&design.grid, at % design.grid.rings()) {
         return None;
     }
     let columns = design.unexplained(&columns(design, rings, at)?);

@@ -143,7 +143,8 @@ impl Reducer {
         }
         let mut history = self.history.clone();
         if isotropic {
-            history += &format!("; taken to be isotropic, directions moved by {:.4} deg", rates.displacement.to_degrees());
+            history +=
+                &format!("; taken to be isotropic, directions moved by {:.4} deg", rates.displacement.to_degrees());
         }
         let middle = 0.5 * (grid.zone().theta_min() + grid.zone().theta_max());
         let scale = (0..3).map(|c| self.scale.at(&grid.zone(), middle, c).abs()).sum::<f64>() / 3.0;
