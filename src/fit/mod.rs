@@ -87,17 +87,14 @@ pub(crate) struct Fitted {
 /// [`FitError`]. A search that did not converge is no error: its report says so.
 pub fn fit(coefficients: &Coefficients, method: FitMethod, options: &FitOptions) -> Result<FitReport, FitError> {
     let started = Instant::now();
-    let observations = Observations::of(coefficients);
-    if observations.is_empty() {
-        return Err(FitError::NoData);
-    }
-    if observations.dc() <= 0.0 {
-        return Err(FitError::Black);
-    }
+    let observations = fittable(coefficients)?;
     let session = Session::new(&observations)?;
     let likelihood = session.likelihood();
     let (fitted, selection) = match method {
-        FitMethod::Auto => session.auto(&likelihood)?,
+        FitMethod::Auto => {
+            let ladder = session.auto(&likelihood)?;
+            (ladder.chosen, Some(ladder.selection))
+        }
         other => (session.fit_one(&likelihood, other, options.start.as_deref())?, None),
     };
     let errors = CalibrationErrors::new(
@@ -121,4 +118,50 @@ pub fn fit(coefficients: &Coefficients, method: FitMethod, options: &FitOptions)
         fit_s: started.elapsed().as_secs_f64(),
         history: coefficients.history.clone(),
     }))
+}
+
+/// The model that [`FitMethod::Auto`] takes, and what else the data would have borne.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Alternatives {
+    /// The model chosen.
+    pub model: Model,
+    /// Its family.
+    pub family: FitMethod,
+    /// Why.
+    pub selection: Selection,
+    /// Other families fitted to the same data, from simple to rich, without Lambert.
+    pub families: Vec<(FitMethod, Model)>,
+    /// The chosen family fitted to what is left when every so many rings one is taken away, each share in turn.
+    pub parts: Vec<Model>,
+}
+
+/// Fits all families, and the chosen one again without each of `parts` shares of the rings.
+///
+/// # Errors
+/// [`FitError`].
+pub fn alternatives(coefficients: &Coefficients, parts: usize) -> Result<Alternatives, FitError> {
+    let observations = fittable(coefficients)?;
+    let session = Session::new(&observations)?;
+    let likelihood = session.likelihood();
+    let ladder = session.auto(&likelihood)?;
+    let parts = session.without_rings(&ladder.chosen, &likelihood, parts);
+    let others = ladder.others.into_iter().filter(|other| other.method != FitMethod::Lambert);
+    Ok(Alternatives {
+        model: ladder.chosen.model,
+        family: ladder.chosen.method,
+        selection: ladder.selection,
+        families: others.map(|other| (other.method, other.model)).collect(),
+        parts,
+    })
+}
+
+fn fittable(coefficients: &Coefficients) -> Result<Observations, FitError> {
+    let observations = Observations::of(coefficients);
+    if observations.is_empty() {
+        return Err(FitError::NoData);
+    }
+    if observations.dc() <= 0.0 {
+        return Err(FitError::Black);
+    }
+    Ok(observations)
 }

@@ -2,10 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::dictionary::Dictionary;
 use super::likelihood::Likelihood;
-use super::search::{Linearised, polish};
-use super::{FitMethod, Fitted, Observations};
+use super::search::Minimum;
+use super::{FitMethod, Observations};
 
 /// A richer family must lower the predicted error by this share to be taken.
 ///
@@ -51,22 +50,15 @@ fn folds(observations: &Observations) -> Vec<Vec<bool>> {
     rings.chain(lobes).filter(|f| f.contains(&true) && f.contains(&false)).collect()
 }
 
-/// RMS over held-out data of the prediction's error, over `dc`.
-pub(super) fn predicted_error<'d>(
-    fitted: &Fitted,
+/// RMS over held-out data of the prediction's error, over `dc`; `refit` fits what is seen.
+pub(super) fn predicted_error(
     likelihood: &Likelihood<'_>,
-    dictionary: impl Fn() -> &'d Dictionary,
     observations: &Observations,
+    refit: impl Fn(&Likelihood<'_>) -> Minimum,
 ) -> f64 {
-    let near = Linearised::new(fitted.family.as_ref(), likelihood.forward, &fitted.minimum);
     let (mut sum, mut count) = (0.0, 0usize);
     for out in folds(observations) {
-        let seen = likelihood.without(&out);
-        let minimum = match fitted.method {
-            FitMethod::Dbrdf => dictionary().dbrdf(&seen).1,
-            FitMethod::Mixture => dictionary().mixture(&seen).1,
-            _ => polish(&near, &seen, &fitted.minimum.theta),
-        };
+        let minimum = refit(&likelihood.without(&out));
         for c in 0..3 {
             let prediction = likelihood.predict(&minimum.columns, &minimum.solution.x, c);
             for i in (0..out.len()).filter(|&i| out[i]) {

@@ -7,11 +7,22 @@ use super::dictionary::{DbrdfFamily, Dictionary};
 use super::family::{AbcFamily, Family, GgxFamily, LambertFamily};
 use super::forward::fineness_of;
 use super::likelihood::Likelihood;
-use super::search::{Minimum, Termination, search, search_from};
+use super::search::{Linearised, Minimum, Termination, polish, search, search_from};
 use super::select::{Candidate, Selection, choose, predicted_error, reason};
 use super::uncertainty::lambert_column;
 use super::{FitError, FitMethod, Fitted, Forward, Observations};
 use crate::basis::OrderError;
+use crate::reflectance::Model;
+
+/// All families of the ladder, fitted.
+pub(super) struct Ladder {
+    /// The one to take.
+    pub chosen: Fitted,
+    /// All others, from simple to rich.
+    pub others: Vec<Fitted>,
+    /// Why.
+    pub selection: Selection,
+}
 
 /// What all methods share: the rule for the integrals and the columns of many widths.
 pub(super) struct Session<'a> {
@@ -88,7 +99,7 @@ impl<'a> Session<'a> {
     }
 
     /// Climbs the ladder of families: see [`choose`].
-    pub fn auto(&self, likelihood: &Likelihood<'_>) -> Result<(Fitted, Option<Selection>), FitError> {
+    pub fn auto(&self, likelihood: &Likelihood<'_>) -> Result<Ladder, FitError> {
         const ISOTROPIC: [FitMethod; 6] =
             [FitMethod::Lambert, FitMethod::Ggx, FitMethod::Abc, FitMethod::Ggx2, FitMethod::Dbrdf, FitMethod::Mixture];
         const ANISOTROPIC: [FitMethod; 4] = [FitMethod::Lambert, FitMethod::Ggx, FitMethod::Ggx2, FitMethod::Dbrdf];
@@ -99,7 +110,7 @@ impl<'a> Session<'a> {
             let fitted = self.fit_one(likelihood, model, None)?;
             candidates.push(Candidate {
                 model,
-                predicted_error: predicted_error(&fitted, likelihood, || self.dictionary(), self.observations),
+                predicted_error: self.predicted_error(&fitted, likelihood),
                 fitted_error: self.observations.misfit(
                     &[0, 1, 2].map(|c| likelihood.predict(&fitted.minimum.columns, &fitted.minimum.solution.x, c)),
                 ),
@@ -110,6 +121,44 @@ impl<'a> Session<'a> {
         let chosen = choose(&candidates);
         let noise = self.observations.noise_rel();
         let selection = Selection { reason: reason(&candidates, chosen, noise), candidates, noise };
-        Ok((fits.swap_remove(chosen), Some(selection)))
+        let fitted = fits.remove(chosen);
+        Ok(Ladder { chosen: fitted, others: fits, selection })
+    }
+
+    fn predicted_error(&self, fitted: &Fitted, likelihood: &Likelihood<'_>) -> f64 {
+        let near = Linearised::new(fitted.family.as_ref(), likelihood.forward, &fitted.minimum);
+        predicted_error(likelihood, self.observations, |seen| self.refit(fitted, &near, seen).0)
+    }
+
+    /// The family of `fitted` fitted anew to other data, from its own minimum, and the model that this makes.
+    fn refit(&self, fitted: &Fitted, near: &Linearised<'_>, seen: &Likelihood<'_>) -> (Minimum, Model) {
+        let made = |family: &dyn Family, minimum: Minimum| {
+            let model = family.model(&minimum.theta, &minimum.solution.x);
+            (minimum, model)
+        };
+        // Which lobes of a dictionary are taken depends on the data.
+        match fitted.method {
+            FitMethod::Dbrdf => {
+                let (family, minimum) = self.dictionary().dbrdf(seen);
+                made(&family, minimum)
+            }
+            FitMethod::Mixture => {
+                let (family, minimum) = self.dictionary().mixture(seen);
+                made(&family, minimum)
+            }
+            _ => made(fitted.family.as_ref(), polish(near, seen, &fitted.minimum.theta)),
+        }
+    }
+
+    /// Models of the same family from what is left when every `parts`-th ring is taken away, each in turn.
+    pub fn without_rings(&self, fitted: &Fitted, likelihood: &Likelihood<'_>, parts: usize) -> Vec<Model> {
+        let near = Linearised::new(fitted.family.as_ref(), likelihood.forward, &fitted.minimum);
+        let terms = self.observations.terms.len();
+        let without = |part: usize| {
+            let rings = self.observations.stations.iter().flat_map(|s| std::iter::repeat_n(s.ring, terms));
+            let out: Vec<bool> = rings.map(|ring| ring % parts == part).collect();
+            self.refit(fitted, &near, &likelihood.without(&out)).1
+        };
+        (0..parts).map(without).collect()
     }
 }
