@@ -14,13 +14,9 @@ mod common;
 
 use std::sync::Arc;
 
-use rand::{RngExt, SeedableRng};
-use rand_distr::StandardNormal;
-use rand_xoshiro::Xoshiro256PlusPlus;
 use zonal::fit::{FitMethod, FitOptions, fit};
 use zonal::forecast::{Class, Expected, NoiseModel, adaptive_plan, best_plan, candidates};
 use zonal::measure::RunRecord;
-use zonal::optics::Misalignment;
 use zonal::patterns::{Adaptive, Plan, Timing};
 use zonal::reduce::Coefficients;
 use zonal::reflectance::{Brdf, Metric, built_in, open};
@@ -58,7 +54,7 @@ fn main() {
     println!("{FIXED_S} s: {} ({} frames, {:.1} s)", best.name, best.frames(), forecast.rig_s);
     let chosen = materials().into_iter().enumerate().skip(from).step_by(every);
     if let Some(seeds) = number("--seeds") {
-        let rigs: Vec<_> = (1..=seeds as u64).map(rig_out_of_place).collect();
+        let rigs: Vec<_> = (1..=seeds as u64).map(common::rig_out_of_place).collect();
         let rigs: Vec<_> = rigs.into_iter().map(|config| (common::calibrated(&rig, &config), config)).collect();
         let repeated = chosen.map(|(i, (name, truth))| {
             let reference = metric.reference(truth.as_ref()).unwrap();
@@ -128,26 +124,6 @@ fn materials() -> Vec<(String, Arc<dyn Brdf>)> {
     let abc = built_in().into_iter().filter(|m| m.family == "abc").step_by(5);
     let abc = abc.map(|m| (format!("abc-{}", m.name), open(&m.name).unwrap()));
     common::measured_materials().into_iter().chain(abc).collect()
-}
-
-/// The simulated rig with each thing that is out of place drawn anew, as large in RMS.
-fn rig_out_of_place(seed: u64) -> TwinConfig {
-    let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
-    let mut drawn = |pair: [f64; 2]| -> [f64; 2] {
-        let rms = (0.5 * (pair[0] * pair[0] + pair[1] * pair[1])).sqrt();
-        std::array::from_fn(|_| rms * rng.sample::<f64, _>(StandardNormal))
-    };
-    let config = TwinConfig::pinhole(seed);
-    let left = config.perturbation;
-    let perturbation = Misalignment {
-        camera_offset_px: drawn(left.camera_offset_px),
-        projector_offset_px: drawn(left.projector_offset_px),
-        paraboloid_offset_mm: drawn(left.paraboloid_offset_mm),
-        dome_offset_mm: drawn(left.dome_offset_mm),
-        sample_tilt_deg: drawn(left.sample_tilt_deg),
-        ..left
-    };
-    TwinConfig { perturbation, ..config }
 }
 
 /// Prints how many of the errors found lie within a factor 1.5 of what was expected, of the geometric mean of the material's other

@@ -4,7 +4,7 @@ use std::sync::{Mutex, PoisonError};
 
 use super::expected::Expected;
 use crate::basis::{index, lm, size};
-use crate::fit::ANISOTROPIC;
+use crate::fit::{ANISOTROPIC, alternatives};
 use crate::measure::{Advice, Adviser, Decision, SoFar};
 use crate::reduce::Coefficients;
 use crate::reflectance::{Metric, Model};
@@ -34,7 +34,7 @@ impl FitAdviser {
         let before = match former.take() {
             Some(model) if known.complete_order() > 2 => model,
             // Of the first stage, what its highest degree has changed.
-            _ => Expected::of(&known.truncated(known.complete_order().saturating_sub(1)))?.model,
+            _ => alternatives(&known.truncated(known.complete_order().saturating_sub(1)), 0)?.model,
         };
         let metric = Metric::new(known.grid.zone());
         let change = metric.errors(&expected.model, &before).map_or(0.0, |e| e.mean.overall());

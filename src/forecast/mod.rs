@@ -9,7 +9,7 @@ mod outlook;
 
 pub use advice::FitAdviser;
 pub use budget::{adaptive_plan, best_plan, candidates};
-pub use expected::Expected;
+pub use expected::{Expected, Signs};
 pub use learn::{contrast, ideal_coefficients, learn};
 pub use noise::NoiseModel;
 pub use outlook::{AtOrder, Class, ClassTable, Forecast, NoPlan, Outlook};

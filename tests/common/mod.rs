@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
 
-use rand::SeedableRng;
+use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use zonal::basis::{Harmonics, index, lm, size};
@@ -18,7 +18,7 @@ use zonal::forecast::FitAdviser;
 use zonal::geometry::quadrature::polar_about_mirror;
 use zonal::geometry::{Direction, ExitantGrid, Zone};
 use zonal::measure::{MeasureError, Measurement, Provenance, Request, measure};
-use zonal::optics::Rig;
+use zonal::optics::{Misalignment, Rig};
 use zonal::patterns::{Lobes, Pattern, Plan};
 use zonal::radiometry::{FlatField, Response};
 use zonal::reduce::Coefficients;
@@ -45,6 +45,26 @@ pub fn with_black_trap(rig: &Rig, config: &TwinConfig, set: CalibrationSet, plan
     let card = Plan { exitant: plan.exitant, ..gray_card_plan(rig) };
     let (scale, check) = gray_card(rig, &mut bench, &card, known, &Reference::default(), &mut |_, _| ()).unwrap();
     CalibrationSet { scale, check, black_trap: Some(trap), ..set }
+}
+
+/// The simulated rig with each thing that is out of place drawn anew, as large in RMS.
+pub fn rig_out_of_place(seed: u64) -> TwinConfig {
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
+    let mut drawn = |pair: [f64; 2]| -> [f64; 2] {
+        let rms = (0.5 * (pair[0] * pair[0] + pair[1] * pair[1])).sqrt();
+        std::array::from_fn(|_| rms * rng.sample::<f64, _>(StandardNormal))
+    };
+    let config = TwinConfig::pinhole(seed);
+    let left = config.perturbation;
+    let perturbation = Misalignment {
+        camera_offset_px: drawn(left.camera_offset_px),
+        projector_offset_px: drawn(left.projector_offset_px),
+        paraboloid_offset_mm: drawn(left.paraboloid_offset_mm),
+        dome_offset_mm: drawn(left.dome_offset_mm),
+        sample_tilt_deg: drawn(left.sample_tilt_deg),
+        ..left
+    };
+    TwinConfig { perturbation, ..config }
 }
 
 pub fn run(

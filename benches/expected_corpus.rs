@@ -1,0 +1,128 @@
+//! What the signs of a fit say of its error, learnt from runs of materials and rigs that the forecast is not tested with: neural fits
+//! of the 80 MERL rows that are not multiples of 5 and as many ABC materials, each on one of eight simulated rigs that are out of
+//! place in different ways, once by the plan for 20 s and once adaptively. Prints the powers of `forecast::expected` by ridge
+//! regression of logarithms, and how many errors lie near what is expected.
+//!
+//! `ZONAL_CORPUS=... cargo bench --features corpus --bench expected_corpus`; `-- --every N` takes every N-th material. `-- --chance`
+//! tells instead how well the error of a material that its family describes could be foretold by somebody who knew how it is
+//! distributed: exact integrals of every fifth ABC material, eight draws of noise each.
+#![allow(missing_docs)]
+
+#[path = "../tests/common/mod.rs"]
+mod common;
+
+use std::sync::Arc;
+
+use nalgebra::{Matrix5, Vector5};
+use zonal::fit::{FitMethod, FitOptions, alternatives, fit};
+use zonal::forecast::{Class, NoiseModel, Signs, best_plan, candidates, ideal_coefficients};
+use zonal::geometry::Zone;
+use zonal::patterns::{Adaptive, Plan, Timing};
+use zonal::reflectance::{Brdf, Metric, NeuralBrdf, abc_materials};
+use zonal::twin::TwinConfig;
+
+const SECONDS: f64 = 20.0;
+/// Seeds of the rigs; those of the tests are below.
+const RIGS: std::ops::RangeInclusive<u64> = 31..=38;
+/// Shares of the rings, as in the forecast.
+const PARTS: usize = 8;
+/// For [`chance`]: noise of a direction over z_00, and draws for each material.
+const NOISE_REL: f64 = 0.03;
+const DRAWS: u64 = 8;
+/// Weight of the prior that signs tell nothing, in runs.
+const RIDGE: f64 = 1.0;
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().collect();
+    let every =
+        arguments.iter().position(|a| a == "--every").map_or(1, |i| arguments[i + 1].parse().expect("a number"));
+    let rig = common::rig("ghosh-2007-built");
+    let metric = Metric::new(rig.zone());
+    if arguments.iter().any(|a| a == "--chance") {
+        return chance(&metric, rig.zone());
+    }
+    let noise = NoiseModel::new(&rig, &Plan::of_order(2)).unwrap();
+    let fixed = candidates(&Plan::of_order(2), false);
+    let (best, _) = best_plan(&noise, &Timing::of(&rig), fixed, SECONDS, Class::Any).unwrap();
+    let plans = [best, Plan::of_order(10).adapted(Adaptive::default())];
+    let rigs: Vec<_> = RIGS.map(common::rig_out_of_place).collect();
+    let rigs: Vec<_> = rigs.into_iter().map(|config| (common::calibrated(&rig, &config), config)).collect();
+    let mut runs: Vec<(Signs, f64)> = Vec::new();
+    for (i, (name, truth)) in materials().into_iter().enumerate().step_by(every) {
+        let reference = metric.reference(truth.as_ref()).unwrap();
+        let (calibration, config) = &rigs[i % rigs.len()];
+        let config = TwinConfig { seed: config.seed + 100 * (i as u64 + 1), ..config.clone() };
+        for plan in &plans {
+            let run = common::run(&rig, plan, &config, calibration, truth.clone());
+            let found = alternatives(&run.coefficients, PARTS).unwrap();
+            let signs = Signs::of(&found, &metric);
+            let error = reference.errors(&found.model).unwrap().mean.overall();
+            println!("{name}\t{}\t{error:.5}\t{:.5}\t{signs:?}", run.record.order, signs.error());
+            runs.push((signs, error));
+        }
+    }
+    let learnt: Vec<_> = runs.iter().filter(|(signs, _)| signs.misfit_shows()).collect();
+    let [scale, powers @ ..] = regression(&learnt);
+    println!("{} of {} runs with a misfit that shows: SCALE {:.2}", learnt.len(), runs.len(), scale.exp());
+    println!("powers of disagreement, misfit, sharpness, contrast: {powers:.3?}");
+    for (kind, shows) in [("misfit that shows", true), ("none", false)] {
+        let of: Vec<_> = runs.iter().filter(|(signs, _)| signs.misfit_shows() == shows).collect();
+        let within = of.iter().filter(|(signs, error)| (error / signs.error()).ln().abs() < 1.5f64.ln()).count();
+        println!("{kind}: {within} of {} errors within a factor 1.5 of what is expected", of.len());
+    }
+}
+
+fn materials() -> Vec<(String, Arc<dyn Brdf>)> {
+    let others = |i: &usize| i % 5 != 0;
+    let file = common::corpus().join("merl/nbrdf_merl_f32le.bin");
+    let merl = (0..100).filter(others).map(|row| {
+        let brdf: Arc<dyn Brdf> = Arc::new(NeuralBrdf::read(&file, row).unwrap());
+        (format!("merl-{row}"), brdf)
+    });
+    let abc = abc_materials().iter().enumerate().filter(|(i, _)| others(i));
+    let abc = abc.map(|(_, m)| (format!("abc-{}", m.name), Arc::new(m.brdf) as Arc<dyn Brdf>));
+    // In turn, so that a few are of both kinds.
+    abc.zip(merl).flat_map(<[_; 2]>::from).collect()
+}
+
+/// Errors by noise alone, against their own geometric mean.
+fn chance(metric: &Metric, zone: Zone) {
+    for order in [2, 6] {
+        let within = abc_materials().iter().step_by(5).flat_map(|material| {
+            let reference = metric.reference(&material.brdf).unwrap();
+            let error = |seed| {
+                let data = ideal_coefficients(&material.brdf, zone, order, NOISE_REL, seed).unwrap();
+                let model = fit(&data, FitMethod::Abc, &FitOptions::default()).unwrap().brdf;
+                reference.errors(&model).unwrap().mean.overall().ln()
+            };
+            let errors: Vec<f64> = (0..DRAWS).map(error).collect();
+            let mean = errors.iter().sum::<f64>() / DRAWS as f64;
+            errors.into_iter().map(move |e| (e - mean).abs() < 1.5f64.ln())
+        });
+        let within: Vec<bool> = within.collect();
+        let near = within.iter().filter(|near| **near).count();
+        println!("order {order}: {near} of {} errors within a factor 1.5 of their geometric mean", within.len());
+    }
+}
+
+/// ln error = first + powers . signs, standardised signs with a ridge.
+fn regression(runs: &[&(Signs, f64)]) -> [f64; 5] {
+    let n = runs.len() as f64;
+    let signs: Vec<[f64; 4]> = runs.iter().map(|(signs, _)| signs.of_misfit()).collect();
+    let mean: [f64; 4] = std::array::from_fn(|j| signs.iter().map(|s| s[j]).sum::<f64>() / n);
+    let spread: [f64; 4] =
+        std::array::from_fn(|j| (signs.iter().map(|s| (s[j] - mean[j]).powi(2)).sum::<f64>() / n).sqrt());
+    let (mut normal, mut right) = (Matrix5::zeros(), Vector5::zeros());
+    for (s, (_, error)) in signs.iter().zip(runs.iter().map(|r| &**r)) {
+        let row = Vector5::from_fn(|j, _| if j == 0 { 1.0 } else { (s[j - 1] - mean[j - 1]) / spread[j - 1] });
+        normal += row * row.transpose();
+        right += row * error.ln();
+    }
+    for j in 1..5 {
+        normal[(j, j)] += RIDGE;
+    }
+    let x = normal.cholesky().expect("positive definite by the ridge").solve(&right);
+    let powers: [f64; 4] = std::array::from_fn(|j| x[j + 1] / spread[j]);
+    let scale = x[0] - powers.iter().zip(mean).map(|(p, m)| p * m).sum::<f64>();
+    [scale, powers[0], powers[1], powers[2], powers[3]]
+}
