@@ -73,7 +73,7 @@ fn main() {
 }
 
 fn materials() -> Vec<(String, Arc<dyn Brdf>)> {
-    let others = |i: &usize| i % 5 != 0;
+    let others = |i: &usize| !i.is_multiple_of(5);
     let file = common::corpus().join("merl/nbrdf_merl_f32le.bin");
     let merl = (0..100).filter(others).map(|row| {
         let brdf: Arc<dyn Brdf> = Arc::new(NeuralBrdf::read(&file, row).unwrap());
