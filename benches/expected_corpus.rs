@@ -24,8 +24,6 @@ use zonal::twin::TwinConfig;
 const SECONDS: f64 = 20.0;
 /// Seeds of the rigs; those of the tests are below.
 const RIGS: std::ops::RangeInclusive<u64> = 31..=38;
-/// Shares of the rings, as in the forecast.
-const PARTS: usize = 8;
 /// For [`chance`]: noise of a direction over z_00, and draws for each material.
 const NOISE_REL: f64 = 0.03;
 const DRAWS: u64 = 8;
@@ -54,7 +52,7 @@ fn main() {
         let config = TwinConfig { seed: config.seed + 100 * (i as u64 + 1), ..config.clone() };
         for plan in &plans {
             let run = common::run(&rig, plan, &config, calibration, truth.clone());
-            let found = alternatives(&run.coefficients, PARTS).unwrap();
+            let found = alternatives(&run.coefficients, Signs::PARTS).unwrap();
             let signs = Signs::of(&found, &metric);
             let error = reference.errors(&found.model).unwrap().mean.overall();
             println!("{name}\t{}\t{error:.5}\t{:.5}\t{signs:?}", run.record.order, signs.error());

@@ -15,6 +15,7 @@ use crate::reflectance::{Metric, Model};
 /// error is that of the best fixed order.
 const SAVED: f64 = 0.2;
 /// What no coefficient makes smaller: a gray card's albedo and a rig's edges are known to about a percent.
+/// Of that the upper end: with .010 `yellow-matte-plastic`, satin-like, is followed to order 6 for a saving of 5.4%.
 const CALIBRATED: f64 = 0.012;
 /// A function is asked for if its amplitude, carried on from the degrees before, is above this many standard errors.
 const SEEN: f64 = 1.0;
