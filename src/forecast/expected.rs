@@ -9,7 +9,7 @@ use crate::reflectance::{Brdf, Metric, Model};
 
 /// Error that remains where no family is exact: `SCALE disagreement^DISAGREEMENT misfit^MISFIT sharpness^SHARPNESS
 /// contrast^CONTRAST`. Disagreement is the median distance from the chosen model to those of the other families, misfit what is
-/// mispredicted of held-out coefficients beyond noise, sharpness what [`DIRECTION`] costs the model, contrast what a diffuser would
+/// mispredicted of held-out coefficients beyond noise, sharpness what `DIRECTION` costs the model, contrast what a diffuser would
 /// mispredict. The first tells of directions that nobody measured; what is missed in the measured ones is missed all the more where
 /// lobes are sharp, and less in relation where a diffuse ground lies below. Fitted, in logarithms, to 126 runs of 63 neural fits of
 /// MERL materials on eight simulated rigs, none of them among those of `adaptive_corpus`; which signs to take was decided with the
@@ -65,7 +65,7 @@ impl Expected {
     }
 }
 
-/// What the data tell of a fit's error.
+/// What the data tell of a fit's error; none has a unit. Distances are [`crate::reflectance::ChannelErrors::overall`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Signs {
     /// Standard error of the model by a jackknife over shares of the rings; from the median, since single refits may run away.
@@ -74,7 +74,7 @@ pub struct Signs {
     pub disagreement: f64,
     /// Greatest distance to a family that predicts as well; 0 if none does.
     pub as_likely: f64,
-    /// Distance to the model as seen from directions that are off by [`DIRECTION`].
+    /// Distance to the model as seen from directions that are off by what calibrations leave of them in the plane of incidence.
     pub sharpness: f64,
     /// Error of predicted coefficients that the fit had not seen, over z_00.
     pub held_out: f64,
@@ -176,7 +176,8 @@ mod tests {
         (expected.error, Metric::new(zone).errors(brdf, &expected.model).unwrap().mean.overall())
     }
 
-    /// Lobes of a dictionary are chosen anew for each part of the data: weights of others' lobes would make models far away.
+    /// Lobes of a dictionary are chosen anew for each part of the data: with weights of other lobes models would be far away (2% of
+    /// the disagreement here).
     #[test]
     fn parts_of_the_rings_give_models_near_the_whole() {
         let zone = Zone::from_degrees(9.0, 57.0).unwrap();
@@ -185,8 +186,7 @@ mod tests {
         let found = alternatives(&data, Signs::PARTS).unwrap();
         assert_eq!((found.family, found.parts.len()), (FitMethod::Mixture, Signs::PARTS));
         let signs = Signs::of(&found, &Metric::new(zone));
-        println!("{signs:?}");
-        assert!(signs.noise > 0.0 && signs.noise < signs.disagreement, "{signs:?}");
+        assert!(signs.noise > 0.0 && signs.noise < 0.1 * signs.disagreement, "{signs:?}");
     }
 
     #[test]
