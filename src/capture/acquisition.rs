@@ -1,7 +1,6 @@
 //! Open devices that take one frame after the other, each proved to show what it should.
 
 use std::collections::VecDeque;
-use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -9,15 +8,14 @@ use std::time::{Duration, Instant};
 use super::device::{Bench, Camera, CameraLimits, Clock, Frame, Projector, Triggering};
 use super::journal::FrameEntry;
 use super::limits::{check_devices, near};
+use super::rejections::Rejections;
 use super::tag_reader::{LIGHT_STEP, TagModel, TagReading, Verdict};
-use super::{CaptureError, Crop};
+use super::{CaptureError, Crop, Rejection};
 use crate::optics::Rig;
 use crate::radiometry::{Lamp, Sensor};
 
 /// What a frame may be late beyond its exposure and readout, s.
 const FRAME_SLACK_S: f64 = 0.5;
-/// Frames that may be no good one after the other.
-const MAX_REJECTIONS: usize = 20;
 /// Frame numbers remembered to tell a repeated frame.
 const REMEMBERED: usize = 64;
 /// Frames before and after the one that is judged whose light it might hold.
@@ -40,36 +38,6 @@ pub struct Taken {
     pub light: f64,
     /// The whole frame, where it is to be kept.
     pub frame: Option<Arc<Frame>>,
-}
-
-/// Why a frame is not used.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Rejection {
-    /// None came in time.
-    Missing,
-    /// It came before, perhaps under another number.
-    Repeated,
-    /// It shows another pattern, or two of them.
-    Stale,
-    /// Its patch cannot be read.
-    Unreadable,
-    /// The camera marks it as damaged.
-    Corrupt,
-    /// It was taken with another exposure or gain.
-    OtherExposure,
-}
-
-impl fmt::Display for Rejection {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Rejection::Missing => "missing",
-            Rejection::Repeated => "repeated",
-            Rejection::Stale => "of another pattern",
-            Rejection::Unreadable => "unreadable patch",
-            Rejection::Corrupt => "marked as damaged",
-            Rejection::OtherExposure => "of another exposure",
-        })
-    }
 }
 
 /// What the engine itself cost.
@@ -484,36 +452,6 @@ impl Drop for Acquisition<'_> {
             // An error or a panic is on its way, and is the one to report.
             let _ = self.restore();
         }
-    }
-}
-
-/// Frames that were no good, one after the other.
-#[derive(Default)]
-pub(super) struct Rejections(Vec<Rejection>);
-
-impl Rejections {
-    /// Counts one, `waited_s` after the pattern was asked for.
-    ///
-    /// # Errors
-    /// [`CaptureError::Rejected`] when it is one too many, [`CaptureError::Frozen`] if all show another pattern.
-    pub fn add(&mut self, reason: Rejection, waited_s: f64) -> Result<(), CaptureError> {
-        self.0.push(reason);
-        if self.0.len() < MAX_REJECTIONS {
-            return Ok(());
-        }
-        if self.0.iter().all(|&r| r == Rejection::Stale) {
-            return Err(CaptureError::Frozen { waited_s });
-        }
-        let mut counts: Vec<(usize, Rejection)> = Vec::new();
-        for &reason in &self.0 {
-            match counts.iter_mut().find(|c| c.1 == reason) {
-                Some(count) => count.0 += 1,
-                None => counts.push((1, reason)),
-            }
-        }
-        counts.sort_by_key(|c| std::cmp::Reverse(c.0));
-        let reasons: Vec<String> = counts.iter().map(|(n, reason)| format!("{n} {reason}")).collect();
-        Err(CaptureError::Rejected { count: self.0.len(), reasons: reasons.join(", ") })
     }
 }
 

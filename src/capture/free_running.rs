@@ -1,7 +1,8 @@
 //! Frames from a camera that runs freely: those that show the right pattern with a wanted exposure are picked.
 
-use super::CaptureError;
-use super::acquisition::{Acquisition, FROZEN_S, Keep, Refused, Rejection, Rejections};
+use super::acquisition::{Acquisition, FROZEN_S, Keep, Refused};
+use super::rejections::Rejections;
+use super::{CaptureError, Rejection};
 
 impl Acquisition<'_> {
     /// See [`Acquisition::take`]. Any wanted exposure is taken in whatever order it comes. The camera latches its exposure

@@ -9,6 +9,7 @@ mod free_running;
 mod journal;
 mod limits;
 mod prepare;
+mod rejections;
 mod response_image;
 mod run_folder;
 mod sequence;
@@ -20,7 +21,7 @@ use thiserror::Error;
 
 use crate::store::StoreError;
 
-pub use acquisition::{Effort, Rejection, Taken, sensor};
+pub use acquisition::{Effort, Taken, sensor};
 pub use device::{
     Bench, Camera, CameraFactory, CameraLimits, Clock, Frame, FrameFlags, Placement, Projector, ProjectorFactory,
     ProjectorLimits, Triggering,
@@ -30,6 +31,7 @@ pub use engine::{Engine, Progress, Run, RunSummary};
 pub use exposer::{Bracket, Exposer};
 pub use journal::{Journal, JournalEntry, Recorded};
 pub use limits::check_devices;
+pub use rejections::Rejection;
 pub use response_image::{Crop, ResponseImage, SensorMaps};
 pub use run_folder::{RUN_FORMAT, RunFolder};
 pub use sequence::{KeepFrame, capture_frames, capture_sequence};

@@ -1,8 +1,9 @@
 //! What is measured before the first frame: how bright the coded patch may be, how late the projector is, what the patch
 //! looks like.
 
-use super::acquisition::{Acquisition, FROZEN_S, ROUNDING_S, Rejections};
+use super::acquisition::{Acquisition, FROZEN_S, ROUNDING_S};
 use super::device::Frame;
+use super::rejections::Rejections;
 use super::tag_reader::{TagModel, TagProblem, TagReading, Verdict};
 use super::{CaptureError, Rejection};
 use crate::patterns::{Pattern, TagLayout};

@@ -11,6 +11,7 @@ mod placed;
 mod profile;
 mod pupil;
 mod rig;
+mod rig_check;
 mod tolerances;
 mod wishes;
 
