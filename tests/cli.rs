@@ -1,6 +1,7 @@
 //! The program from outside: bad input ends with status 2, says where and what helps, and leaves every file as it was.
 
-use std::collections::BTreeMap;
+mod desk;
+
 use std::ffi::OsStr;
 use std::fs;
 use std::os::unix::ffi::OsStrExt;
@@ -16,10 +17,10 @@ use zonal::optics::Rig;
 use zonal::radiometry::FlatField;
 use zonal::reduce::Coefficients;
 
-const ZONAL: &str = env!("CARGO_BIN_EXE_zonal");
-const RIG: &str = include_str!("../optics/ghosh-2007-built.toml");
-const PLAN: &str = "format = 1\nname = \"small\"\norder = 1\nrepeats = 1\n\
-    [exposure]\ncount = 2\nshortest_refreshes = 2\nspacing = 8\n[exitant]\nrings = 8\nsectors = 12\n";
+use desk::{
+    PLAN, RIG, ZONAL, assert_refused, assert_unchanged, contents, desk, edit, json, refused, replace, text, zonal,
+    zonal_limited,
+};
 
 /// A run and its conversion that all tests share; what `measure` and `convert` printed for it.
 struct Example {
@@ -42,17 +43,6 @@ static EXAMPLE: LazyLock<Example> = LazyLock::new(|| {
     Example { folder, measured, converted }
 });
 
-/// A folder with `rig.toml`, `plan.toml` and files that commands must not touch.
-fn desk() -> TempDir {
-    let desk = tempfile::tempdir().unwrap();
-    for (name, content) in
-        [("rig.toml", RIG), ("plan.toml", PLAN), ("file", "kept"), ("old.exr", "old"), ("old.png", "old")]
-    {
-        fs::write(desk.path().join(name), content).unwrap();
-    }
-    desk
-}
-
 /// A desk with a finished run as `run` and its conversion as `sh.exr`.
 fn desk_with_run() -> TempDir {
     let desk = desk();
@@ -64,84 +54,6 @@ fn desk_with_run() -> TempDir {
         }
     }
     desk
-}
-
-/// Everything below a folder: files with their bytes, folders without, parents first.
-fn contents(folder: &Path) -> BTreeMap<PathBuf, Option<Vec<u8>>> {
-    let mut all = BTreeMap::new();
-    let mut folders = vec![folder.to_owned()];
-    while let Some(below) = folders.pop() {
-        for entry in fs::read_dir(below).unwrap() {
-            let path = entry.unwrap().path();
-            let bytes = if path.is_dir() { None } else { Some(fs::read(&path).unwrap()) };
-            all.insert(path.strip_prefix(folder).unwrap().to_owned(), bytes);
-            if path.is_dir() {
-                folders.push(path);
-            }
-        }
-    }
-    all
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
-
-/// Runs the program in a folder; arguments are split at spaces.
-fn zonal(desk: &Path, arguments: &str) -> Output {
-    Command::new(ZONAL).current_dir(desk).args(arguments.split(' ')).output().unwrap()
-}
-
-/// The same where no file may be longer than `kib` KiB.
-fn zonal_limited(desk: &Path, kib: usize, arguments: &str) -> Output {
-    let script = format!("ulimit -f {kib}; exec \"$0\" \"$@\"");
-    Command::new("bash").current_dir(desk).args(["-c", &script, ZONAL]).args(arguments.split(' ')).output().unwrap()
-}
-
-/// Status 2, nothing on stdout, and a message that holds all `words`.
-fn assert_refused(arguments: &str, output: &Output, words: &[&str]) {
-    let said = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{arguments}: {:?}\n{said}", output.status);
-    assert!(output.stdout.is_empty(), "{arguments}: {}", text(&output.stdout));
-    assert!(said.starts_with("error: "), "{arguments}: {said}");
-    for word in words {
-        assert!(said.contains(word), "{arguments}: no `{word}` in\n{said}");
-    }
-}
-
-/// The command is refused and the folder stays as it was.
-fn refused(desk: &TempDir, arguments: &str, words: &[&str]) {
-    let before = contents(desk.path());
-    let output = zonal(desk.path(), arguments);
-    assert_refused(arguments, &output, words);
-    assert_unchanged(arguments, &before, desk);
-}
-
-fn assert_unchanged(arguments: &str, before: &BTreeMap<PathBuf, Option<Vec<u8>>>, desk: &TempDir) {
-    let after = contents(desk.path());
-    let names = |all: &BTreeMap<PathBuf, _>| all.keys().cloned().collect::<Vec<_>>();
-    assert_eq!(names(before), names(&after), "{arguments}");
-    assert!(*before == after, "{arguments} changed a file");
-}
-
-/// The command ends well and prints one JSON object.
-fn json(output: &Output) -> Map<String, Value> {
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    let value: Value = serde_json::from_slice(&output.stdout).expect("one JSON value and nothing else");
-    value.as_object().expect("an object").clone()
-}
-
-fn edit(path: &Path, change: impl FnOnce(&mut Vec<u8>)) {
-    let mut bytes = fs::read(path).unwrap();
-    change(&mut bytes);
-    fs::write(path, bytes).unwrap();
-}
-
-/// Replaces text that occurs once.
-fn replace(path: &Path, from: &str, to: &str) {
-    let text = fs::read_to_string(path).unwrap();
-    assert_eq!(text.matches(from).count(), 1, "{from}");
-    fs::write(path, text.replace(from, to)).unwrap();
 }
 
 #[test]
@@ -406,126 +318,6 @@ fn damaged_harmonics_are_refused() {
         edit(&desk.path().join("bad.exr"), change);
         refused(&desk, "render bad.exr --out old.png", &["bad.exr", remedy]);
     }
-}
-
-/// A field of a tensor file.
-struct Field {
-    name: &'static str,
-    dtype: u8,
-    shape: Vec<u64>,
-    data: Vec<u8>,
-}
-
-fn floats(name: &'static str, shape: &[u64], value: impl Fn(u64) -> f32) -> Field {
-    let data = (0..shape.iter().product()).flat_map(|i| value(i).to_le_bytes()).collect();
-    Field { name, dtype: 10, shape: shape.to_vec(), data }
-}
-
-fn letters(name: &'static str, data: &[u8]) -> Field {
-    Field { name, dtype: 1, shape: vec![data.len() as u64], data: data.to_vec() }
-}
-
-/// The smallest RGL material: two polar angles, tables of 2 x 2.
-fn material_fields() -> Vec<Field> {
-    vec![
-        letters("description", b"test"),
-        letters("jacobian", &[0]),
-        floats("phi_i", &[1], |_| 0.0),
-        floats("theta_i", &[2], |i| i as f32),
-        floats("ndf", &[2, 2], |_| 1.0),
-        floats("sigma", &[2, 2], |_| 1.0),
-        floats("vndf", &[1, 2, 2, 2], |_| 1.0),
-        floats("rgb", &[1, 2, 3, 2, 2], |_| 0.2),
-    ]
-}
-
-fn tensor_file(fields: &[Field]) -> Vec<u8> {
-    let mut bytes = b"tensor_file\0\x01\0".to_vec();
-    bytes.extend((fields.len() as u32).to_le_bytes());
-    let header: usize = fields.iter().map(|f| 13 + f.name.len() + 8 * f.shape.len()).sum();
-    let mut offset = (bytes.len() + header) as u64;
-    for field in fields {
-        bytes.extend((field.name.len() as u16).to_le_bytes());
-        bytes.extend(field.name.as_bytes());
-        bytes.extend((field.shape.len() as u16).to_le_bytes());
-        bytes.push(field.dtype);
-        bytes.extend(offset.to_le_bytes());
-        field.shape.iter().for_each(|n| bytes.extend(n.to_le_bytes()));
-        offset += field.data.len() as u64;
-    }
-    fields.iter().for_each(|f| bytes.extend(&f.data));
-    bytes
-}
-
-/// `render` and `measure` refuse the material and name the place.
-fn refused_material(desk: &TempDir, material: &str, words: &[&str]) {
-    for command in ["render MATERIAL --out old.png", "measure rig.toml plan.toml --out new --simulate MATERIAL"] {
-        let words: Vec<&str> = [material].into_iter().chain(words.iter().copied()).collect();
-        refused(desk, &command.replace("MATERIAL", material), &words);
-    }
-}
-
-#[test]
-fn damaged_tensor_files_are_refused() {
-    let desk = desk();
-    let path = desk.path().join("bad.bsdf");
-    let whole = tensor_file(&material_fields());
-    fs::write(&path, &whole).unwrap();
-    json(&zonal(desk.path(), "render bad.bsdf --out new.png --size 8 --json"));
-
-    let changed = |name: &str, change: &dyn Fn(&mut Field)| {
-        let mut fields = material_fields();
-        change(fields.iter_mut().find(|f| f.name == name).unwrap());
-        tensor_file(&fields)
-    };
-    let many = [&whole[..14], &u32::MAX.to_le_bytes(), &whole[18..]].concat();
-    let cases: [(Vec<u8>, &[&str]); 9] = [
-        (vec![], &["byte 0", "get it again"]),
-        (whole[..16].to_vec(), &["byte 14", "get it again"]),
-        (whole[..100].to_vec(), &["byte", "get it again"]),
-        (whole[..whole.len() - 1].to_vec(), &["field `rgb`", "get it again"]),
-        (many, &["byte 14", "4294967295", "get it again"]),
-        (changed("rgb", &|f| f.shape[0] = u64::MAX), &["field `rgb`", "18446744073709551615", "get it again"]),
-        (changed("rgb", &|f| f.shape = vec![1 << 40, 1 << 40, 3, 2, 2]), &["field `rgb`", "get it again"]),
-        (
-            changed("vndf", &|f| f.data[4..8].copy_from_slice(&f32::NAN.to_le_bytes())),
-            &["`vndf`", "byte", "NaN", "again"],
-        ),
-        (changed("theta_i", &|f| f.data.reverse()), &["field `theta_i`", "ascending", "get it again"]),
-    ];
-    for (bytes, words) in cases {
-        fs::write(&path, bytes).unwrap();
-        refused_material(&desk, "bad.bsdf", words);
-    }
-    refused_material(&desk, "missing.bsdf", &["check that it exists"]);
-}
-
-#[test]
-fn damaged_tables_are_refused() {
-    const LENGTH: u64 = 12 + 3 * 90 * 90 * 180 * 8;
-    let desk = desk();
-    let path = desk.path().join("bad.binary");
-    // All but the header are zeros that take no room on the disk.
-    let table = |cells: [i32; 3], length: u64| {
-        let bytes: Vec<u8> = cells.iter().flat_map(|n| n.to_le_bytes()).collect();
-        fs::write(&path, &bytes[..bytes.len().min(length as usize)]).unwrap();
-        fs::OpenOptions::new().write(true).open(&path).unwrap().set_len(length).unwrap();
-    };
-    let cells = [90, 90, 180];
-    for (cells, length, words) in [
-        (cells, 0, &["byte 0", "get it again"][..]),
-        (cells, 11, &["byte 0", "11 bytes", "get it again"]),
-        (cells, LENGTH - 1, &["byte 12", "34991999", "get it again"]),
-        ([i32::MAX; 3], 100, &["[2147483647, 2147483647, 2147483647]", "get it again"]),
-        ([-1; 3], 100, &["[-1, -1, -1]", "get it again"]),
-    ] {
-        table(cells, length);
-        refused_material(&desk, "bad.binary", words);
-    }
-    table(cells, LENGTH);
-    edit(&path, |bytes| bytes[92..100].copy_from_slice(&f64::NAN.to_le_bytes()));
-    refused_material(&desk, "bad.binary", &["byte 92", "a finite number", "NaN", "get it again"]);
-    refused_material(&desk, "missing.binary", &["check that it exists"]);
 }
 
 #[test]
