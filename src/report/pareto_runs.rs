@@ -1,8 +1,9 @@
 //! The runs and the forecasts that [`ParetoReport`] draws.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
+use rayon::prelude::*;
 use thiserror::Error;
 
 use super::pareto::{ComputePoint, ParetoReport, PlanPoint, SeedPoint, Stage};
@@ -19,7 +20,7 @@ use crate::measure::{MeasureError, Measurement, Provenance, Request, measure};
 use crate::optics::Rig;
 use crate::patterns::{Adaptive, Plan, Scheme, Timing};
 use crate::reduce::{Coefficients, ReduceError};
-use crate::reflectance::{Brdf, Metric, MetricError, ZoneErrors};
+use crate::reflectance::{Brdf, Metric, MetricError, Reference, ZoneErrors};
 use crate::twin::{Accuracy, TwinBench, TwinConfig};
 
 /// Orders of the published runs, and their times on its rig, s (Ghosh 2007, sections 3.4 and 3.5).
@@ -92,70 +93,68 @@ struct Run {
     error: f64,
 }
 
+/// What is known of one material.
+struct Tried<'a> {
+    /// One for all plans: patterns that several of them show are computed once.
+    bench: TwinBench,
+    reference: Reference<'a>,
+    runs: Vec<Run>,
+    /// Of the run of pairs.
+    pairs: Coefficients,
+}
+
+impl Tried<'_> {
+    fn error(&self, coefficients: &Coefficients, method: FitMethod) -> Result<f64, ParetoError> {
+        let fitted = fit(coefficients, method, &FitOptions::default())?;
+        Ok(self.reference.errors(&fitted.brdf)?.mean.overall())
+    }
+}
+
 impl ParetoScan<'_> {
     /// Runs all of it; `progress` is told what is done, and of how much.
     ///
     /// # Errors
     /// [`ParetoError`].
-    pub fn run(&self, progress: &mut dyn FnMut(usize, usize)) -> Result<ParetoRuns, ParetoError> {
+    pub fn run(&self, progress: &mut (dyn FnMut(usize, usize) + Send)) -> Result<ParetoRuns, ParetoError> {
         let metric = Metric::new(self.rig.zone());
         let total = self.materials.len() * (self.plans.len() + 1) + usize::from(self.computing);
-        let mut done = 0;
-        let mut step = || {
-            done += 1;
-            progress(done, total);
+        let counted = Mutex::new((0, progress));
+        let step = || {
+            let mut counted = counted.lock().unwrap_or_else(PoisonError::into_inner);
+            counted.0 += 1;
+            let done = counted.0;
+            (counted.1)(done, total);
         };
-        let mut runs: Vec<Vec<Run>> = Vec::new();
-        let mut computing = Vec::new();
-        let mut pairs = Vec::new();
-        for (i, (_, brdf)) in self.materials.iter().enumerate() {
-            let config = TwinConfig { seed: self.config.seed + i as u64, ..self.config.clone() };
-            // One bench: patterns that several plans show are computed once.
-            let mut bench = TwinBench::new(self.rig, config, brdf.clone());
-            let reference = metric.reference(brdf.as_ref())?;
-            let error = |c: &Coefficients, method: FitMethod| -> Result<f64, ParetoError> {
-                let fitted = fit(c, method, &FitOptions::default())?;
-                Ok(reference.errors(&fitted.brdf)?.mean.overall())
-            };
-            let mut of_material = Vec::new();
-            let whole = self.measured(&Plan::of_order(self.pairs), &mut bench)?;
-            for order in 0..=self.pairs {
-                let known = whole.coefficients.truncated(order);
-                of_material.push(self.fixed(order, FitMethod::Auto, error(&known, FitMethod::Auto)?));
-                if order == PUBLISHED[0].0 {
-                    of_material.push(self.fixed(order, FitMethod::Thesis, error(&known, FitMethod::Thesis)?));
-                }
-            }
+        let (adaptive, fixed): (Vec<&Plan>, Vec<&Plan>) = self.plans.iter().partition(|plan| plan.adaptive.is_some());
+        let of_material = |index: usize| -> Result<Tried<'_>, ParetoError> {
+            let mut tried = self.begun(index, &metric)?;
             step();
-            for plan in &self.plans {
-                let Measurement { coefficients, record, .. } = self.measured(plan, &mut bench)?;
-                let adaptive = plan.adaptive.is_some();
-                let exposures = if adaptive { 1 } else { record.frames / (record.images * plan.repeats) };
-                of_material.push(Run {
-                    scheme: if adaptive { "adaptive".into() } else { plan.scheme.name().into() },
-                    order: record.order,
-                    exposures,
-                    frames: record.frames,
-                    rig_s: record.rig_s,
-                    method: FitMethod::Auto,
-                    error: error(&coefficients, FitMethod::Auto)?,
-                });
-                if record.order == PUBLISHED[1].0 {
-                    let found = error(&coefficients, FitMethod::Thesis)?;
-                    of_material.push(self.fixed(record.order, FitMethod::Thesis, found));
-                }
+            for plan in &fixed {
+                self.add(plan, &mut tried)?;
                 step();
             }
-            if i == self.materials.len() / 2 && self.computing {
-                let (known, truth) = (whole.coefficients.truncated(PUBLISHED[0].0), brdf.as_ref());
-                computing = self.conversions(&known, truth)?;
-                computing.extend(self.fits(&known, &metric, truth)?);
-                computing.extend(self.simulations(brdf)?);
+            Ok(tried)
+        };
+        let materials: Result<Vec<Tried<'_>>, ParetoError> =
+            (0..self.materials.len()).into_par_iter().map(of_material).collect();
+        let mut materials = materials?;
+        // What is timed has the machine to itself: ways of computing, and decisions, which count as seconds of a run.
+        for tried in &mut materials {
+            for plan in &adaptive {
+                self.add(plan, tried)?;
                 step();
             }
-            runs.push(of_material);
-            pairs.push(whole.coefficients);
         }
+        let mut computing = Vec::new();
+        let middle = self.materials.len() / 2;
+        if let Some(tried) = materials.get(middle).filter(|_| self.computing) {
+            let (known, truth) = (tried.pairs.truncated(PUBLISHED[0].0), &self.materials[middle].1);
+            computing = self.conversions(&known, truth.as_ref())?;
+            computing.extend(self.fits(&known, &tried.reference)?);
+            computing.extend(self.simulations(truth)?);
+            step();
+        }
+        let (runs, pairs): (Vec<Vec<Run>>, _) = materials.into_iter().map(|tried| (tried.runs, tried.pairs)).unzip();
         let report = ParetoReport {
             materials: self.materials.iter().map(|(name, _)| name.clone()).collect(),
             plans: self.points(&runs)?,
@@ -169,6 +168,45 @@ impl ParetoScan<'_> {
             ],
         };
         Ok(ParetoRuns { report, pairs })
+    }
+
+    /// A material after the run of pairs, whose beginnings are plans of lower orders.
+    fn begun<'a>(&'a self, index: usize, metric: &'a Metric) -> Result<Tried<'a>, ParetoError> {
+        let brdf = &self.materials[index].1;
+        let config = TwinConfig { seed: self.config.seed + index as u64, ..self.config.clone() };
+        let mut bench = TwinBench::new(self.rig, config, brdf.clone());
+        let pairs = self.measured(&Plan::of_order(self.pairs), &mut bench)?.coefficients;
+        let reference = metric.reference(brdf.as_ref())?;
+        let mut tried = Tried { bench, reference, runs: Vec::new(), pairs };
+        for order in 0..=self.pairs {
+            let known = tried.pairs.truncated(order);
+            tried.runs.push(self.fixed(order, FitMethod::Auto, tried.error(&known, FitMethod::Auto)?));
+            if order == PUBLISHED[0].0 {
+                tried.runs.push(self.fixed(order, FitMethod::Thesis, tried.error(&known, FitMethod::Thesis)?));
+            }
+        }
+        Ok(tried)
+    }
+
+    /// Runs another plan.
+    fn add(&self, plan: &Plan, tried: &mut Tried<'_>) -> Result<(), ParetoError> {
+        let Measurement { coefficients, record, .. } = self.measured(plan, &mut tried.bench)?;
+        let adaptive = plan.adaptive.is_some();
+        let exposures = if adaptive { 1 } else { record.frames / (record.images * plan.repeats) };
+        tried.runs.push(Run {
+            scheme: if adaptive { "adaptive".into() } else { plan.scheme.name().into() },
+            order: record.order,
+            exposures,
+            frames: record.frames,
+            rig_s: record.rig_s,
+            method: FitMethod::Auto,
+            error: tried.error(&coefficients, FitMethod::Auto)?,
+        });
+        if record.order == PUBLISHED[1].0 && !adaptive {
+            let found = tried.error(&coefficients, FitMethod::Thesis)?;
+            tried.runs.push(self.fixed(record.order, FitMethod::Thesis, found));
+        }
+        Ok(())
     }
 
     fn measured(&self, plan: &Plan, bench: &mut TwinBench) -> Result<Measurement, MeasureError> {
@@ -269,8 +307,7 @@ impl ParetoScan<'_> {
         Ok(points)
     }
 
-    fn fits(&self, known: &Coefficients, metric: &Metric, truth: &dyn Brdf) -> Result<Vec<ComputePoint>, ParetoError> {
-        let reference = metric.reference(truth)?;
+    fn fits(&self, known: &Coefficients, reference: &Reference<'_>) -> Result<Vec<ComputePoint>, ParetoError> {
         let point = |method: FitMethod| {
             let fitted = fit(known, method, &FitOptions::default())?;
             Ok(ComputePoint {
