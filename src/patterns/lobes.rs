@@ -136,8 +136,8 @@ pub struct LobePair {
 
 /// The frames of a scheme on one projector, before encoding.
 ///
-/// Each pixel shows the mean of a step's light over its area; the zone's edge is antialiased by the same integral, and all
-/// is black outside.
+/// Each pixel stands for the mean of a step's light over its area; the zone's edge is antialiased by the same integral, and all
+/// is black outside. What is shown is that, sharpened for the pixels' own width: see [`sharpened`].
 #[derive(Debug, Clone)]
 pub struct Lobes {
     steps: Vec<Step>,
@@ -147,7 +147,7 @@ pub struct Lobes {
     bounds: [usize; 4],
     /// Solid angle of each pixel in `bounds`, sr; 0 beyond the zone.
     solid_angle: Vec<f32>,
-    /// Per step, per pixel in `bounds`: means of its two lights.
+    /// Per step, per pixel in `bounds`: its two lights.
     parts: Vec<[Vec<f32>; 2]>,
 }
 
@@ -173,7 +173,7 @@ impl Lobes {
         let basis = Harmonics::zonal(zone, order)?;
         let bounds = map.bounding_box(&zone, width, height).expect("a checked rig shows its zone");
         let [u0, v0, u1, v1] = bounds;
-        let pixels: Vec<(f32, Vec<[f32; 2]>)> = (0..(u1 - u0) * (v1 - v0))
+        let pixels: Vec<([f32; 2], Vec<[f32; 2]>)> = (0..(u1 - u0) * (v1 - v0))
             .into_par_iter()
             .map_init(
                 || (vec![0.0; basis.len()], vec![[0.0f64; 2]; steps.len()]),
@@ -181,17 +181,22 @@ impl Lobes {
                     let (u, v) = ((u0 + p % (u1 - u0)) as f64, (v0 + p / (u1 - u0)) as f64);
                     let lit = integrate_pixel(map, &basis, &steps, u, v, values, sums);
                     if lit == 0 {
-                        return (0.0, Vec::new());
+                        return ([0.0; 2], Vec::new());
                     }
                     let per_sample = 1.0 / (SUBSAMPLES * SUBSAMPLES) as f64;
                     let means = sums.iter().map(|s| s.map(|x| (x * per_sample) as f32)).collect();
-                    (solid_angle(map, u, v) as f32, means)
+                    ([solid_angle(map, u, v) as f32, lit as f32 * per_sample as f32], means)
                 },
             )
             .collect();
         let part = |k: usize, s: usize| pixels.iter().map(|p| p.1.get(k).map_or(0.0, |m| m[s])).collect();
-        let parts = (0..steps.len()).into_par_iter().map(|k| [part(k, 0), part(k, 1)]).collect();
-        let solid_angle = pixels.iter().map(|p| p.0).collect();
+        let whole: Vec<bool> = pixels.iter().map(|p| p.0[1] == 1.0).collect();
+        let shown = |k: usize| {
+            let means = [part(k, 0), part(k, 1)];
+            sharpened(&means, &whole, u1 - u0, matches!(steps[k], Step::Lights(_)))
+        };
+        let parts = (0..steps.len()).into_par_iter().map(shown).collect();
+        let solid_angle = pixels.iter().map(|p| p.0[0]).collect();
         Ok(Self { steps, width, height, bounds, solid_angle, parts })
     }
 
@@ -298,6 +303,34 @@ fn integrate_pixel(
     lit
 }
 
+/// Lights that act through pixels of a width of 1 as `means` would through points: a mean over a pixel, shown evenly over it, is the
+/// light twice smeared over the pixel's width, which adds a twelfth of its Laplacian. Sharp lobes would be found wider: functions
+/// of order 6 lose 0.03 to 0.3% in pixels of 0.35 deg.
+///
+/// The Laplacian counts neighbours that lie in the zone as a whole; what one pixel gives the other gets, so that the sum stays. Of a
+/// mixture it is the difference of both lights that counts; lights `apart` are each one for itself.
+fn sharpened(means: &[Vec<f32>; 2], whole: &[bool], width: usize, apart: bool) -> [Vec<f32>; 2] {
+    let laplacian = |of: &dyn Fn(usize) -> f32, p: usize| -> f32 {
+        let neighbours = [p.wrapping_sub(1), p + 1, p.wrapping_sub(width), p + width];
+        neighbours.into_iter().filter(|&n| whole.get(n) == Some(&true)).map(|n| of(n) - of(p)).sum()
+    };
+    let shown = |p: usize| -> [f32; 2] {
+        let own = [means[0][p], means[1][p]];
+        if !whole[p] {
+            return own;
+        }
+        if apart {
+            return [0, 1].map(|s| (own[s] - laplacian(&|n| means[s][n], p) / 12.0).max(0.0));
+        }
+        // Less of the other light comes before more of this one: common light is but noise.
+        let more = -laplacian(&|n| means[0][n] - means[1][n], p) / 12.0;
+        let less = more.abs().min(own[usize::from(more > 0.0)]);
+        if more > 0.0 { [own[0] + more - less, own[1] - less] } else { [own[0] - less, own[1] - more - less] }
+    };
+    let both: Vec<[f32; 2]> = (0..whole.len()).map(shown).collect();
+    [0, 1].map(|s| both.iter().map(|b| b[s]).collect())
+}
+
 fn solid_angle(map: &OpticalMap, u: f64, v: f64) -> f64 {
     map.pixel_solid_angle(u + 0.5, v + 0.5)
 }
@@ -321,6 +354,8 @@ mod tests {
         (rig, lobes)
     }
 
+    /// What is left is of fourth order in the width of a pixel.
+    const SMEARED: f64 = 5e-5;
     /// Of z_00. Pixels are 0.35 deg wide; a centre stands for its pixel to second order.
     const PIXELATION: f64 = 2e-4;
 
@@ -346,6 +381,32 @@ mod tests {
                 _ => 0.0,
             };
             assert!((sum - want).abs() < PIXELATION * z_00, "{k}: {sum} {want} on {} px", p.width_px);
+        }
+    }
+
+    /// A sample that reflects as a function does is found as that function, through pixels that smear it: unsharpened they lose
+    /// 0.03 to 0.1% of these.
+    #[test]
+    fn pixels_lose_nothing_of_functions_that_turn_quickly() {
+        let (rig, lobes) = lobes(6);
+        let map = rig.projector_map();
+        let [u0, v0, u1, _] = lobes.bounds;
+        let basis = Harmonics::zonal(rig.zone(), 6).unwrap();
+        let steps = Scheme::Pairs.steps(rig.zone(), 6).unwrap();
+        let (mut values, mut sums) = (vec![0.0; basis.len()], vec![[0.0; 2]; steps.len()]);
+        let mut found = vec![0.0; steps.len()];
+        for p in 0..lobes.solid_angle.len() {
+            let (u, v) = ((u0 + p % (u1 - u0)) as f64, (v0 + p / (u1 - u0)) as f64);
+            if integrate_pixel(&map, &basis, &steps, u, v, &mut values, &mut sums) > 0 {
+                let area = f64::from(lobes.solid_angle[p]) / (SUBSAMPLES * SUBSAMPLES) as f64;
+                for (k, (found, sum)) in found.iter_mut().zip(&sums).enumerate() {
+                    *found += f64::from(lobes.parts[k][0][p] - lobes.parts[k][1][p]) * (sum[0] - sum[1]) * area;
+                }
+            }
+        }
+        // Those with a smaller m do not vanish at the zone's edge, which cuts pixels.
+        for (k, found) in found.iter().enumerate().skip(size(5)).filter(|(k, _)| lm(*k).1.abs() >= 3) {
+            assert!((found - 1.0).abs() < SMEARED, "{k}: {found}");
         }
     }
 
