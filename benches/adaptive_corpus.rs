@@ -4,9 +4,9 @@
 //! every fifth ABC material.
 //!
 //! `ZONAL_CORPUS=... cargo bench --features corpus --bench adaptive_corpus`; `-- --each` lists every run, `-- --every N` takes every
-//! N-th material, `-- --from K` begins with the K-th. `-- --seeds N` repeats the plan of 20 s alone, on N rigs that are out of
-//! place by as much as the simulated one but otherwise, each with its calibration, and tells how well its error could be foretold by
-//! somebody who knew how such errors are distributed.
+//! N-th material, `-- --from K` begins with the K-th, `-- --no-fixed` leaves out the fixed plans of pairs and what is compared with
+//! them. `-- --seeds N` repeats the plan of 20 s alone, on N rigs that are out of place by as much as the simulated one but otherwise,
+//! each with its calibration, and tells how well its error could be foretold by somebody who knew how such errors are distributed.
 #![allow(missing_docs)]
 
 #[path = "../tests/common/mod.rs"]
@@ -82,14 +82,16 @@ fn main() {
             }
             rows.push(Row { material: name.clone(), what, frames, rig_s, elapsed_s, error, expected });
         };
-        let fixed = common::run(&rig, &Plan::of_order(FIXED), &config, &calibration, truth.clone());
-        for order in 0..=FIXED {
-            let plan = Plan::of_order(order);
-            let rig_s = plan.rig_time(&timing).total_s();
-            let known = fixed.coefficients.truncated(order);
-            add(format!("fixed {order}"), plan.frames(), rig_s, f64::NAN, error(&known, FitMethod::Auto), f64::NAN);
+        if has("--no-fixed").is_none() {
+            let fixed = common::run(&rig, &Plan::of_order(FIXED), &config, &calibration, truth.clone());
+            for order in 0..=FIXED {
+                let plan = Plan::of_order(order);
+                let rig_s = plan.rig_time(&timing).total_s();
+                let known = fixed.coefficients.truncated(order);
+                add(format!("fixed {order}"), plan.frames(), rig_s, f64::NAN, error(&known, FitMethod::Auto), f64::NAN);
+            }
+            add("thesis".into(), 0, 0.0, f64::NAN, error(&fixed.coefficients, FitMethod::Thesis), f64::NAN);
         }
-        add("thesis".into(), 0, 0.0, f64::NAN, error(&fixed.coefficients, FitMethod::Thesis), f64::NAN);
         let adapted = |plan: &Plan| {
             let run = common::run(&rig, plan, &config, &calibration, truth.clone());
             let model = Expected::of(&run.coefficients).unwrap().model;
@@ -162,29 +164,32 @@ fn summary(rows: &[Row]) {
     let mut best = f64::INFINITY;
     for order in 0..=FIXED {
         let of = named(&format!("fixed {order}"));
+        let Some(first) = of.first() else { continue };
         best = best.min(errors(&of));
-        println!("fixed, order {order}: {:.4}, {} frames, {:.1} s", errors(&of), of[0].frames, of[0].rig_s);
+        println!("fixed, order {order}: {:.4}, {} frames, {:.1} s", errors(&of), first.frames, first.rig_s);
     }
-    println!("thesis: {:.4}", errors(&named("thesis")));
+    let thesis = named("thesis");
+    if !thesis.is_empty() {
+        println!("thesis: {:.4}", errors(&thesis));
+    }
     let adaptive = named("adaptive");
     let frames = common::median(adaptive.iter().map(|r| r.frames as f64).collect());
     let most = adaptive.iter().map(|r| r.frames).max().unwrap_or(0);
-    println!(
-        "adaptive: {:.4} ({:.3} of the best fixed), {frames} frames (at most {most})",
-        errors(&adaptive),
-        errors(&adaptive) / best
-    );
-    let no_worse = adaptive.iter().filter(|a| {
-        let fixed =
-            rows.iter().filter(|r| r.material == a.material && r.what.starts_with("fixed") && r.frames <= a.frames);
-        fixed.map(|r| r.error).fold(f64::INFINITY, f64::min) >= a.error
-    });
-    println!("no worse than any fixed plan of as many frames: {} of {}", no_worse.count(), adaptive.len());
+    println!("adaptive: {:.4}, {frames} frames (at most {most})", errors(&adaptive));
+    if best.is_finite() {
+        println!("adaptive over the best fixed: {:.3}", errors(&adaptive) / best);
+        let no_worse = adaptive.iter().filter(|a| {
+            let fixed =
+                rows.iter().filter(|r| r.material == a.material && r.what.starts_with("fixed") && r.frames <= a.frames);
+            fixed.map(|r| r.error).fold(f64::INFINITY, f64::min) >= a.error
+        });
+        println!("no worse than any fixed plan of as many frames: {} of {}", no_worse.count(), adaptive.len());
+    }
     for seconds in BUDGETS_S {
         let of = named(&format!("budget {seconds},"));
         let rivals: Vec<String> = (0..=FIXED)
             .map(|order| named(&format!("fixed {order}")))
-            .filter(|f| f[0].rig_s <= seconds)
+            .filter(|f| f.first().is_some_and(|f| f.rig_s <= seconds))
             .map(|f| format!("{:.4}", errors(&f)))
             .collect();
         println!("budget {seconds} s: {:.4}, fixed plans of that length {}", errors(&of), rivals.join(" "));

@@ -304,8 +304,8 @@ fn integrate_pixel(
 }
 
 /// Lights that act through pixels of a width of 1 as `means` would through points: a mean over a pixel, shown evenly over it, is the
-/// light twice smeared over the pixel's width, which adds a twelfth of its Laplacian. Sharp lobes would be found wider: functions
-/// of order 6 lose 0.03 to 0.3% in pixels of 0.35 deg.
+/// light twice smeared over the pixel's width, which adds a twelfth of its Laplacian. Sharp lobes would be found weaker and wider:
+/// functions of order 6 lose 0.03 to 0.3% in pixels of 0.35 deg.
 ///
 /// The Laplacian counts neighbours that lie in the zone as a whole; what one pixel gives the other gets, so that the sum stays. Of a
 /// mixture it is the difference of both lights that counts; lights `apart` are each one for itself.
