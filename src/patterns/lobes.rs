@@ -137,7 +137,7 @@ pub struct LobePair {
 /// The frames of a scheme on one projector, before encoding.
 ///
 /// Each pixel stands for the mean of a step's light over its area; the zone's edge is antialiased by the same integral, and all
-/// is black outside. What is shown is that, sharpened for the pixels' own width: see [`sharpened`].
+/// is black outside. What is shown is that, sharpened for the pixels' own width.
 #[derive(Debug, Clone)]
 pub struct Lobes {
     steps: Vec<Step>,
