@@ -10,11 +10,8 @@ use thiserror::Error;
 use super::Harmonics;
 use crate::geometry::{Direction, Sample};
 
-/// Rows of up to this many functions are computed for 8 directions side by side; those of up to [`WHOLE`] for 4, whose
-/// columns leave room in the nearest cache. Measured, as all that is chosen here: `benches/evaluation.rs`.
-const SHORT: usize = 64;
 /// Rows of up to this many functions are written one after the other, in the order the memory's prefetcher follows; longer
-/// ones for 8 directions at once, in tiles.
+/// ones for 8 directions at once, in tiles. Measured, as all that is chosen here: `benches/evaluation.rs`.
 const WHOLE: usize = 128;
 /// Functions between two such writes, whose columns are still in the nearest cache.
 const BAND: usize = 16;
@@ -43,10 +40,8 @@ impl Harmonics {
     pub fn eval_many_into(&self, directions: &[Direction<Sample>], out: &mut [f64]) {
         assert_eq!(out.len(), directions.len() * self.len(), "one row of functions for each direction");
         let arch = Arch::new();
-        if self.len() <= SHORT {
+        if self.len() <= WHOLE {
             arch.dispatch(Batch::<_, _, 8, false> { basis: self, directions, out });
-        } else if self.len() <= WHOLE {
-            arch.dispatch(Batch::<_, _, 4, false> { basis: self, directions, out });
         } else {
             arch.dispatch(Batch::<_, _, 8, true> { basis: self, directions, out });
         }
@@ -82,7 +77,7 @@ impl Harmonics {
 }
 
 /// A number of the recurrences.
-trait Lane: RealField + Copy {
+trait Lane: RealField + Copy + Default {
     /// Rows for columns.
     #[inline(always)]
     fn transposed<S: Simd>(_: S, tile: [[Self; 4]; 4]) -> [[Self; 4]; 4] {
@@ -190,12 +185,24 @@ impl Harmonics {
 }
 
 #[inline(always)]
-fn lanes<T: Lane, const N: usize>(f: impl Fn(usize) -> T) -> [T; N] {
-    let mut out = [T::zero(); N];
+fn lanes<T: Copy + Default, const N: usize>(f: impl Fn(usize) -> T) -> [T; N] {
+    let mut out = [T::default(); N];
     for (i, out) in out.iter_mut().enumerate() {
         *out = f(i);
     }
     out
+}
+
+/// x, y and z of some directions; the last block repeats its first direction.
+#[inline(always)]
+fn by_component<D: Components, const N: usize>(directions: &[D]) -> [[f64; N]; 3] {
+    let mut at = [[0.0; N]; 3];
+    let mut put = |i: usize, d: &D| [at[0][i], at[1][i], at[2][i]] = d.components();
+    match directions.first_chunk::<N>() {
+        Some(all) => (0..N).for_each(|i| put(i, &all[i])),
+        None => (0..N).for_each(|i| put(i, directions.get(i).unwrap_or(&directions[0]))),
+    }
+    at
 }
 
 impl<T: Lane, const N: usize> Block<T, N> {
@@ -204,19 +211,23 @@ impl<T: Lane, const N: usize> Block<T, N> {
     fn new<D: Components>(basis: &Harmonics, directions: &[D]) -> Self {
         let (a, b) = (basis.zone.cos_min(), basis.zone.cos_max());
         let scale = 1.0 / (a - b);
-        // The last block repeats its first direction.
-        let at: [[f64; 3]; N] = std::array::from_fn(|i| directions.get(i).unwrap_or(&directions[0]).components());
-        let x: [f64; N] = lanes(|i| ((at[i][2] - a) + (at[i][2] - b)) / (a - b));
-        let root: [f64; N] = lanes(|i| 2.0 * ((at[i][2] - a) * (at[i][2] - b)).abs().sqrt() * scale);
-        let r: [f64; N] = lanes(|i| (at[i][0] * at[i][0] + at[i][1] * at[i][1]).sqrt());
-        let per_r: [f64; N] = lanes(|i| if r[i] > 0.0 { root[i] / r[i] } else { 0.0 });
-        let end = |i: usize| if x[i] < 0.0 { 2.0 * (at[i][2] - b) * scale } else { -2.0 * (at[i][2] - a) * scale };
+        let [px, py, pz] = by_component::<D, N>(directions);
+        let (lower, upper): ([f64; N], [f64; N]) = (lanes(|i| pz[i] - a), lanes(|i| pz[i] - b));
+        let square: [f64; N] = lanes(|i| px[i] * px[i] + py[i] * py[i]);
+        // On the axis the azimuth is 0. Only numbers that exist are chosen from, or the choice becomes a branch for each lane.
+        let on_axis: [bool; N] = lanes(|i| square[i] < f64::MIN_POSITIVE);
+        let px: [f64; N] = lanes(|i| if on_axis[i] { 1.0 } else { px[i] });
+        let py: [f64; N] = lanes(|i| if on_axis[i] { 0.0 } else { py[i] });
+        let square: [f64; N] = lanes(|i| if on_axis[i] { 1.0 } else { square[i] });
+        let per_r: [f64; N] = lanes(|i| 2.0 * scale.abs() * ((lower[i] * upper[i]).abs() / square[i]).sqrt());
+        let x: [f64; N] = lanes(|i| (lower[i] + upper[i]) * scale);
+        let (to_upper, to_lower): ([f64; N], [f64; N]) =
+            (lanes(|i| 2.0 * upper[i] * scale), lanes(|i| -2.0 * lower[i] * scale));
         Self {
-            // On the axis the azimuth is 0.
-            u: lanes(|i| convert(if r[i] > 0.0 { at[i][0] * per_r[i] } else { root[i] })),
-            v: lanes(|i| convert(at[i][1] * per_r[i])),
+            u: lanes(|i| convert(px[i] * per_r[i])),
+            v: lanes(|i| convert(py[i] * per_r[i])),
             sign: lanes(|i| convert(if x[i] < 0.0 { -1.0 } else { 1.0 })),
-            end: lanes(|i| convert(end(i))),
+            end: lanes(|i| convert(if x[i] < 0.0 { to_upper[i] } else { to_lower[i] })),
             x: lanes(|i| convert(x[i])),
         }
     }
