@@ -1,7 +1,7 @@
 //! What the signs of a fit say of its error, learnt from runs of materials and rigs that the forecast is not tested with: neural fits
 //! of the 80 MERL rows that are not multiples of 5 and as many ABC materials, each on one of eight simulated rigs that are out of
 //! place in different ways, once by the plan for 20 s and once adaptively. Prints the powers of `forecast::expected` by ridge
-//! regression of logarithms, and how many errors lie near what is expected.
+//! regression of logarithms, its constants of materials that a family describes, and how many errors lie near what is expected.
 //!
 //! `ZONAL_CORPUS=... cargo bench --features corpus --bench expected_corpus`; `-- --every N` takes every N-th material. `-- --chance`
 //! tells instead how well the error of a material that its family describes could be foretold by somebody who knew how it is
@@ -13,7 +13,9 @@ mod common;
 
 use std::sync::Arc;
 
-use nalgebra::{Matrix5, Vector5};
+use argmin::core::{CostFunction, Executor};
+use argmin::solver::neldermead::NelderMead;
+use nalgebra::{DVector, Matrix5, Vector5};
 use zonal::fit::{FitMethod, FitOptions, alternatives, fit};
 use zonal::forecast::{Class, NoiseModel, Signs, best_plan, candidates, ideal_coefficients};
 use zonal::geometry::Zone;
@@ -65,6 +67,9 @@ fn main() {
     let [scale, powers @ ..] = regression(&learnt);
     println!("{} runs of measured materials whose models miss something: SCALE {:.2}", learnt.len(), scale.exp());
     println!("powers of disagreement, misfit, sharpness, contrast: {powers:.3?}");
+    let described = runs.iter().filter(|(signs, _, measured)| !measured && !signs.misses()).collect();
+    let [rig, calibrated, direction] = described_by_a_family(described);
+    println!("of a family: RIG {rig:.2}, CALIBRATED {calibrated:.1e}, {direction:.2} times DIRECTION");
     for (kind, measured) in [("measured", true), ("of a family", false)] {
         let of: Vec<_> = runs.iter().filter(|run| run.2 == measured).collect();
         let within = of.iter().filter(|(signs, error, _)| (error / signs.error()).ln().abs() < 1.5f64.ln()).count();
@@ -125,4 +130,35 @@ fn regression(runs: &[&(Signs, f64, bool)]) -> [f64; 5] {
     let powers: [f64; 4] = std::array::from_fn(|j| x[j + 1] / spread[j]);
     let scale = x[0] - powers.iter().zip(mean).map(|(p, m)| p * m).sum::<f64>();
     [scale, powers[0], powers[1], powers[2], powers[3]]
+}
+
+/// What of the logarithms of RIG, CALIBRATED and a factor of DIRECTION brings the most errors near what is expected: least squares
+/// would follow the few that are far off by chance.
+struct Far<'a>(Vec<&'a (Signs, f64, bool)>);
+
+impl CostFunction for Far<'_> {
+    type Param = DVector<f64>;
+    type Output = f64;
+
+    fn cost(&self, logarithms: &DVector<f64>) -> Result<f64, argmin::core::Error> {
+        let [rig, calibrated, direction] = std::array::from_fn(|i| logarithms[i].exp());
+        let far = |(signs, error, _): &(Signs, f64, bool)| {
+            let beyond = signs.of_misfit()[1].exp();
+            let expected = [signs.noise, signs.as_likely, rig * beyond, direction * signs.sharpness, calibrated];
+            let off = (error / expected.into_iter().fold(0.0, f64::hypot)).ln() / 1.5f64.ln();
+            1.0 - (-off * off / 1.5).exp()
+        };
+        Ok(self.0.iter().map(|run| far(run)).sum::<f64>() / self.0.len() as f64)
+    }
+}
+
+fn described_by_a_family(runs: Vec<&(Signs, f64, bool)>) -> [f64; 3] {
+    let start = DVector::from_column_slice(&[2f64, 4e-4, 1.0].map(f64::ln));
+    let mut corners = vec![start.clone(); 4];
+    (0..3).for_each(|j| corners[j + 1][j] += 0.5);
+    let solver = NelderMead::new(corners).with_sd_tolerance(1e-6).expect("a positive tolerance");
+    let run =
+        Executor::new(Far(runs), solver).configure(|state| state.max_iters(2000)).run().expect("costs are finite");
+    let best = run.state.best_param.expect("some corner is best");
+    std::array::from_fn(|i| best[i].exp())
 }
