@@ -1,9 +1,10 @@
 //! The runs and the forecasts that [`ParetoReport`] draws.
 
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
 use std::time::Instant;
 
-use rayon::prelude::*;
 use thiserror::Error;
 
 use super::pareto::{ComputePoint, ParetoReport, PlanPoint, SeedPoint, Stage};
@@ -93,6 +94,23 @@ struct Run {
     error: f64,
 }
 
+/// What `task` makes of 0..count, as many at a time as there are cores. In threads of their own: a run waits for the thread that
+/// reduces its frames with rayon, and once every thread of rayon waited so, none would be left to do it.
+fn side_by_side<T: Send, E: Send>(count: usize, task: impl Fn(usize) -> Result<T, E> + Sync) -> Result<Vec<T>, E> {
+    let next = AtomicUsize::new(0);
+    let some = || -> Vec<(usize, Result<T, E>)> {
+        let indices = std::iter::from_fn(|| Some(next.fetch_add(1, Ordering::Relaxed)).filter(|index| *index < count));
+        indices.map(|index| (index, task(index))).collect()
+    };
+    let cores = thread::available_parallelism().map_or(1, usize::from).min(count);
+    let mut done: Vec<_> = thread::scope(|scope| {
+        let threads: Vec<_> = (0..cores).map(|_| scope.spawn(some)).collect();
+        threads.into_iter().flat_map(|t| t.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))).collect()
+    });
+    done.sort_by_key(|(index, _)| *index);
+    done.into_iter().map(|(_, result)| result).collect()
+}
+
 /// What is known of one material.
 struct Tried<'a> {
     /// One for all plans: patterns that several of them show are computed once.
@@ -135,9 +153,7 @@ impl ParetoScan<'_> {
             }
             Ok(tried)
         };
-        let materials: Result<Vec<Tried<'_>>, ParetoError> =
-            (0..self.materials.len()).into_par_iter().map(of_material).collect();
-        let mut materials = materials?;
+        let mut materials = side_by_side(self.materials.len(), of_material)?;
         // What is timed has the machine to itself: ways of computing, and decisions, which count as seconds of a run.
         for tried in &mut materials {
             for plan in &adaptive {
