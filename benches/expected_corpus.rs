@@ -152,6 +152,7 @@ impl CostFunction for Far<'_> {
     }
 }
 
+/// RIG, CALIBRATED and the factor of DIRECTION.
 fn described_by_a_family(runs: Vec<&(Signs, f64, bool)>) -> [f64; 3] {
     let start = DVector::from_column_slice(&[2f64, 4e-4, 1.0].map(f64::ln));
     let mut corners = vec![start.clone(); 4];

@@ -27,7 +27,7 @@ const LEFT: f64 = 7e-4;
 /// Share of what directions cost the model that shows in coefficients.
 const SHOWN: f64 = 0.415;
 /// Error for a held-out misfit beyond noise that is not the family's: sharp lobes at the zone's edges. This and the two below are
-/// fitted by the same bench to 154 runs of 80 ABC materials on the eight rigs, none of them among those of `adaptive_corpus`.
+/// fitted, as that bench does it, to 154 runs of 80 ABC materials on the eight rigs, none of them among those of `adaptive_corpus`.
 const RIG: f64 = 1.66;
 /// What calibrations leave where noise and family leave nothing.
 const CALIBRATED: f64 = 3.1e-4;
