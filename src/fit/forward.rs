@@ -1,6 +1,7 @@
 //! What a reflectance model predicts for the measured coefficients.
 
 use nalgebra::Vector3;
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use super::Observations;
@@ -93,25 +94,29 @@ impl Forward {
     /// Coefficients of `S` shapes at once: `shape` returns their f_cos / cos(theta_i) at a pair of directions; the result is
     /// `[shape][station * terms + term]`.
     pub fn project<const S: usize>(&self, shape: impl Fn(&Node) -> [f64; S] + Sync) -> [Vec<f64>; S] {
-        let parts: Vec<Vec<[f64; S]>> = self
+        let arch = Arch::new();
+        let parts: Vec<Vec<f64>> = self
             .stations
             .par_iter()
             .map(|&(ring, phi_o)| {
                 let ring = &self.rings[ring];
-                let mut sums = vec![[0.0; S]; self.terms];
-                for (node, zonal) in ring.nodes.iter().zip(ring.zonal.chunks_exact(self.terms)) {
+                let value = |node: &Node| {
                     let cos_i = node.wi.z;
-                    let values = if self.folded { shape(node) } else { shape(&node.turned(phi_o)) }.map(|f| f * cos_i);
-                    for (sum, z) in sums.iter_mut().zip(zonal) {
-                        for (sum, value) in sum.iter_mut().zip(values) {
-                            *sum += z * value;
-                        }
-                    }
+                    if self.folded { shape(node) } else { shape(&node.turned(phi_o)) }.map(|f| f * cos_i)
+                };
+                let mut sums = vec![0.0; S * self.terms];
+                let several = ring.nodes.chunks(TOGETHER).zip(ring.zonal.chunks(TOGETHER * self.terms));
+                for (nodes, zonal) in several {
+                    let mut values = [[0.0; S]; TOGETHER];
+                    values.iter_mut().zip(nodes).for_each(|(values, node)| *values = value(node));
+                    arch.dispatch(Products { zonal, values: &values[..nodes.len()], sums: &mut sums });
                 }
                 sums
             })
             .collect();
-        std::array::from_fn(|s| parts.iter().flatten().map(|v| v[s]).collect())
+        std::array::from_fn(|s| {
+            parts.iter().flat_map(|sums| &sums[s * self.terms..(s + 1) * self.terms]).copied().collect()
+        })
     }
 
     /// Integrals over the zone, summed over stations, of products of f_cos of `S` shapes.
@@ -161,6 +166,42 @@ impl Forward {
             })
             .collect();
         std::array::from_fn(|c| parts.iter().flatten().map(|v| v[c]).collect())
+    }
+}
+
+/// Nodes whose products are added while a sum stays in a register.
+const TOGETHER: usize = 4;
+
+/// Adds to each sum, `shape * terms + term`, the products of several nodes, `node * terms + term`, one after the other.
+struct Products<'a, const S: usize> {
+    zonal: &'a [f64],
+    values: &'a [[f64; S]],
+    sums: &'a mut [f64],
+}
+
+impl<const S: usize> WithSimd for Products<'_, S> {
+    type Output = ();
+
+    /// The compiler finds the vectors; here is only said of which width they may be.
+    #[inline(always)]
+    fn with_simd<V: Simd>(self, _simd: V) {
+        let Self { zonal, values, sums } = self;
+        let terms = sums.len() / S;
+        let mut rows = zonal.chunks_exact(terms);
+        if let &[a, b, c, d] = values {
+            let [za, zb, zc, zd] = std::array::from_fn(|_| rows.next().expect("a row for each node"));
+            for (s, sums) in sums.chunks_exact_mut(terms).enumerate() {
+                for ((((sum, za), zb), zc), zd) in sums.iter_mut().zip(za).zip(zb).zip(zc).zip(zd) {
+                    *sum = *sum + za * a[s] + zb * b[s] + zc * c[s] + zd * d[s];
+                }
+            }
+            return;
+        }
+        for (zonal, values) in rows.zip(values) {
+            for (sums, value) in sums.chunks_exact_mut(terms).zip(values) {
+                sums.iter_mut().zip(zonal).for_each(|(sum, z)| *sum += z * value);
+            }
+        }
     }
 }
 

@@ -151,8 +151,11 @@ pub struct Lobes {
     parts: Vec<[Vec<f32>; 2]>,
 }
 
-/// Subsamples along each side of a pixel: an edge is antialiased to 1/64.
+/// Points along each side of a pixel that the zone's edge cuts: antialiased to 1/64.
 const SUBSAMPLES: usize = 8;
+/// Points along each side of a pixel within the zone, by Gauss and Legendre: a function of order 20 is off by less than 1e-7 in
+/// pixels of 0.35 deg. Where it changes its sign both lights may be too great by the same, which their difference does not see.
+const GAUSS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
 
 impl Lobes {
     /// Integrates the lights of `steps` in functions of `zone` over the pixels of a panel.
@@ -177,15 +180,14 @@ impl Lobes {
             .into_par_iter()
             .map_init(
                 || (vec![0.0; basis.len()], vec![[0.0f64; 2]; steps.len()]),
-                |(values, sums), p| {
+                |(values, means), p| {
                     let (u, v) = ((u0 + p % (u1 - u0)) as f64, (v0 + p / (u1 - u0)) as f64);
-                    let lit = integrate_pixel(map, &basis, &steps, u, v, values, sums);
-                    if lit == 0 {
+                    let lit = integrate_pixel(map, &basis, &steps, u, v, values, means);
+                    if lit == 0.0 {
                         return ([0.0; 2], Vec::new());
                     }
-                    let per_sample = 1.0 / (SUBSAMPLES * SUBSAMPLES) as f64;
-                    let means = sums.iter().map(|s| s.map(|x| (x * per_sample) as f32)).collect();
-                    ([solid_angle(map, u, v) as f32, lit as f32 * per_sample as f32], means)
+                    let means = means.iter().map(|s| s.map(|x| x as f32)).collect();
+                    ([solid_angle(map, u, v) as f32, lit as f32], means)
                 },
             )
             .collect();
@@ -270,7 +272,7 @@ impl Lobes {
     }
 }
 
-/// Adds up both lights of all steps over the pixel with the corner (u, v); the number of subsamples in the zone.
+/// Means of both lights of all steps over the pixel with the corner (u, v); the share of the pixel that lies in the zone.
 fn integrate_pixel(
     map: &OpticalMap,
     basis: &Harmonics,
@@ -278,25 +280,27 @@ fn integrate_pixel(
     u: f64,
     v: f64,
     values: &mut [f64],
-    sums: &mut [[f64; 2]],
-) -> usize {
-    sums.fill([0.0; 2]);
+    means: &mut [[f64; 2]],
+) -> f64 {
+    means.fill([0.0; 2]);
     let zone = basis.zone();
-    let mut lit = 0;
-    for j in 0..SUBSAMPLES {
-        for i in 0..SUBSAMPLES {
-            let at = |i: usize| (i as f64 + 0.5) / SUBSAMPLES as f64;
-            let Some(d) = map.direction(u + at(i), v + at(j)) else { continue };
-            let mu = d.cos_theta();
-            if mu > zone.cos_min() || mu < zone.cos_max() {
-                continue;
-            }
-            lit += 1;
+    let inside = |x: f64, y: f64| {
+        let d = map.direction(u + x, v + y)?;
+        (zone.cos_max()..=zone.cos_min()).contains(&d.cos_theta()).then_some(d)
+    };
+    // Between corners in the zone its inner edge reaches by no more than a hundredth of a pixel.
+    let whole = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].into_iter().all(|(x, y)| inside(x, y).is_some());
+    let cut: [f64; SUBSAMPLES] = std::array::from_fn(|i| (i as f64 + 0.5) / SUBSAMPLES as f64);
+    let along: &[f64] = if whole { &GAUSS } else { &cut };
+    let weight = 1.0 / (along.len() * along.len()) as f64;
+    let mut lit = 0.0;
+    for &y in along {
+        for &x in along {
+            let Some(d) = inside(x, y) else { continue };
+            lit += weight;
             basis.eval_direction_into(&d, values);
-            for (sum, step) in sums.iter_mut().zip(steps) {
-                let lights = step.lights(values);
-                sum[0] += lights[0];
-                sum[1] += lights[1];
+            for (mean, step) in means.iter_mut().zip(steps) {
+                mean.iter_mut().zip(step.lights(values)).for_each(|(mean, light)| *mean += weight * light);
             }
         }
     }
@@ -393,14 +397,14 @@ mod tests {
         let [u0, v0, u1, _] = lobes.bounds;
         let basis = Harmonics::zonal(rig.zone(), 6).unwrap();
         let steps = Scheme::Pairs.steps(rig.zone(), 6).unwrap();
-        let (mut values, mut sums) = (vec![0.0; basis.len()], vec![[0.0; 2]; steps.len()]);
+        let (mut values, mut means) = (vec![0.0; basis.len()], vec![[0.0; 2]; steps.len()]);
         let mut found = vec![0.0; steps.len()];
         for p in 0..lobes.solid_angle.len() {
             let (u, v) = ((u0 + p % (u1 - u0)) as f64, (v0 + p / (u1 - u0)) as f64);
-            if integrate_pixel(&map, &basis, &steps, u, v, &mut values, &mut sums) > 0 {
-                let area = f64::from(lobes.solid_angle[p]) / (SUBSAMPLES * SUBSAMPLES) as f64;
-                for (k, (found, sum)) in found.iter_mut().zip(&sums).enumerate() {
-                    *found += f64::from(lobes.parts[k][0][p] - lobes.parts[k][1][p]) * (sum[0] - sum[1]) * area;
+            if integrate_pixel(&map, &basis, &steps, u, v, &mut values, &mut means) > 0.0 {
+                let area = f64::from(lobes.solid_angle[p]);
+                for (k, (found, mean)) in found.iter_mut().zip(&means).enumerate() {
+                    *found += f64::from(lobes.parts[k][0][p] - lobes.parts[k][1][p]) * (mean[0] - mean[1]) * area;
                 }
             }
         }

@@ -2,6 +2,7 @@
 
 use std::f64::consts::TAU;
 
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use super::finite::{MARGIN, Pencil, Pupils};
@@ -48,8 +49,8 @@ pub struct PatternLight {
     width: usize,
     height: usize,
     origin: [usize; 2],
-    /// Side of a pixel of this table in panel pixels.
-    pitch: f32,
+    /// Pixels of this table along a panel pixel: at most 1.
+    per_pixel: f32,
     patterns: usize,
     /// `[block][pixel][pattern in block]`
     blocks: Vec<Vec<[f32; BLOCK]>>,
@@ -72,7 +73,7 @@ impl PatternLight {
             .into_par_iter()
             .map(|block| (0..width * height).map(|p| std::array::from_fn(|i| value(block, p, i))).collect())
             .collect();
-        Self { width, height, origin, pitch: 1.0, patterns, blocks }
+        Self { width, height, origin, per_pixel: 1.0, patterns, blocks }
     }
 
     /// The same light in means over `COARSE` x `COARSE` pixels: enough for what varies slowly, and small enough for a
@@ -89,15 +90,17 @@ impl PatternLight {
             (0..width * height).map(|p| std::array::from_fn(|i| mean(pixels, p, i))).collect()
         };
         let blocks = self.blocks.par_iter().map(coarsen).collect();
-        Self { width, height, pitch: COARSE as f32 * self.pitch, blocks, ..*self }
+        Self { width, height, per_pixel: self.per_pixel / COARSE as f32, blocks, ..*self }
     }
 
     /// The pixel at a point of the panel; `None` beyond the region.
     #[inline]
     fn pixel(&self, u: f32, v: f32) -> Option<u32> {
-        let (x, y) = ((u - self.origin[0] as f32) / self.pitch, (v - self.origin[1] as f32) / self.pitch);
+        let at = |u: f32, origin: usize| (u - origin as f32) * self.per_pixel;
+        let (x, y) = (at(u, self.origin[0]), at(v, self.origin[1]));
         let inside = x >= 0.0 && y >= 0.0 && x < self.width as f32 && y < self.height as f32;
-        inside.then(|| (y as usize * self.width + x as usize) as u32)
+        // Signed: what processors convert to in one step.
+        inside.then(|| (y as i32 * self.width as i32 + x as i32) as u32)
     }
 }
 
@@ -244,6 +247,7 @@ impl Grid {
     ) -> Self {
         let (sectors, theta0, step) = (self.sectors, self.theta0, self.ring_step);
         let row = 3 * light.patterns;
+        let arch = Arch::new();
         let evaluate = |wo: &Direction<Sample>| -> Nodes {
             let exitant = |i: usize| optics.pupils.map_or(*wo, |p| p.exitant(wo, p.camera_point(i)));
             let found = nodes(&exitant).into_iter().filter_map(|(i, wi, w)| {
@@ -270,7 +274,7 @@ impl Grid {
                     }
                     None => visit(&evaluate(&wo), 0.0, &wo, light, optics, visits),
                 }
-                accumulate(visits, light, out);
+                arch.dispatch(Accumulate { visits, light, out });
             });
         });
         self
@@ -339,6 +343,23 @@ fn visit(
 }
 
 /// Adds up the patterns' light over lit nodes: `out[channel][pattern]`.
+struct Accumulate<'a> {
+    visits: &'a [Visit],
+    light: &'a PatternLight,
+    out: &'a mut [f32],
+}
+
+impl WithSimd for Accumulate<'_> {
+    type Output = ();
+
+    /// The compiler finds the vectors; here is only said of which width they may be.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        accumulate(self.visits, self.light, self.out);
+    }
+}
+
+#[inline(always)]
 fn accumulate(visits: &[Visit], light: &PatternLight, out: &mut [f32]) {
     for (block, pixels) in light.blocks.iter().enumerate() {
         let mut sums = [[0.0f32; BLOCK]; 3];

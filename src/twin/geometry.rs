@@ -81,12 +81,13 @@ impl InverseMap {
     #[inline]
     pub fn pixel(&self, x: f32, y: f32) -> (f32, f32) {
         let r = ((x * x + y * y) * (STEPS as f32 / (self.reach * self.reach))).min(STEPS as f32 - 1.0);
-        let i = r as usize;
+        // By way of signed integers, which processors convert to in one step.
+        let i = r as i32 as usize;
         let scale = self.scale[i] + (r - i as f32) * (self.scale[i + 1] - self.scale[i]);
         let to_node = (NODES - 1) as f32 / (2.0 * self.reach);
         let fx = ((x + self.reach) * to_node).clamp(0.0, (NODES - 2) as f32);
         let fy = ((y + self.reach) * to_node).clamp(0.0, (NODES - 2) as f32);
-        let (ix, iy) = (fx as usize, fy as usize);
+        let (ix, iy) = (fx as i32 as usize, fy as i32 as usize);
         let (tx, ty) = (fx - ix as f32, fy - iy as f32);
         let row = &self.shift[iy * NODES + ix..][..NODES + 2];
         let mix = |k: usize| {
