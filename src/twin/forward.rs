@@ -116,8 +116,12 @@ pub fn lobe_width(brdf: &dyn Brdf) -> f64 {
             if v.z <= 0.0 { 0.0 } else { brdf.eval_cos(&Direction::new(v), &wo).iter().sum::<f64>() }
         };
         for axis in [t, -t, b] {
-            let floor = value(0.6, &axis).min(value(0.3, &axis));
-            let half = 0.5 * (value(0.0, &axis) + floor);
+            let (peak, floor) = (value(0.0, &axis), value(0.6, &axis).min(value(0.3, &axis)));
+            if peak <= floor {
+                // It grows that way: what it ends as is not to be seen from here.
+                continue;
+            }
+            let half = 0.5 * (peak + floor);
             let mut chi = 2e-4;
             while chi < width && value(chi, &axis) > half {
                 chi *= 1.15;
@@ -456,6 +460,21 @@ fn angle(a: &Direction<Sample>, b: &Direction<Sample>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::reflectance::{Ggx, GgxLobe, Lambert};
+
+    #[test]
+    fn lobes_are_as_wide_as_they_are_and_a_diffuse_sample_has_none() {
+        // Light of a diffuse sample grows towards the pole: that is no lobe that ends at once.
+        assert!(lobe_width(&Lambert::gray(0.5)) > 0.2);
+        let of = |alpha: f64| {
+            let lobes = vec![GgxLobe { alpha: [alpha, alpha], f0: [0.9; 3], f90: [1.0; 3] }];
+            lobe_width(&Ggx { kd: [0.1; 3], lobes })
+        };
+        let widths = [of(0.3), of(0.03), of(0.003)];
+        for pair in widths.windows(2) {
+            assert!((5.0..20.0).contains(&(pair[0] / pair[1])), "{widths:?}");
+        }
+    }
 
     #[test]
     fn both_lattices_together_integrate_the_dome() {
