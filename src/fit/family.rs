@@ -1,7 +1,7 @@
 //! Families of models: a few shape parameters, and columns that enter linearly.
 
 use super::{Forward, Node};
-use crate::reflectance::abc::abc_lobe;
+use crate::reflectance::abc::{abc_lobe, abc_lobe_slopes};
 use crate::reflectance::{Abc, Ggx, GgxLobe, Lambert, Model};
 
 /// A shape parameter and the range it is searched in; the search runs in its logarithm.
@@ -21,6 +21,20 @@ pub(super) trait Family: Sync {
     fn linear(&self) -> Vec<String>;
     /// One predicted column for each linear parameter but the first.
     fn columns(&self, forward: &Forward, theta: &[f64]) -> Vec<Vec<f64>>;
+    /// Derivatives of the columns by the logarithm of each shape parameter above its origin, `[parameter][column]`: central
+    /// differences, unless a family knows better.
+    fn slopes(&self, forward: &Forward, theta: &[f64]) -> Vec<Vec<Vec<f64>>> {
+        let of = |(j, p): (usize, &ShapeParameter)| {
+            let at = |step: f64| {
+                let mut moved = theta.to_vec();
+                moved[j] = p.origin + (theta[j] - p.origin) * step.exp();
+                self.columns(forward, &moved)
+            };
+            let both = at(STEP).into_iter().zip(at(-STEP));
+            both.map(|(p, m)| p.iter().zip(&m).map(|(p, m)| (p - m) / (2.0 * STEP)).collect()).collect()
+        };
+        self.shape().iter().enumerate().map(of).collect()
+    }
     /// The model, `x[column][channel]`.
     fn model(&self, theta: &[f64], x: &[[f64; 3]]) -> Model;
     /// Shape parameters to start a search from, from coarse to complete cover.
@@ -30,6 +44,9 @@ pub(super) trait Family: Sync {
         theta.to_vec()
     }
 }
+
+/// Step of numerical derivatives.
+const STEP: f64 = 1e-5;
 
 /// Roughness a fit looks for: sharper lobes are mirrors to every order a rig shows, duller ones are all but diffuse.
 pub(super) const ALPHA: [f64; 2] = [0.005, 1.0];
@@ -158,6 +175,21 @@ impl Family for AbcFamily {
         let (b, c, ior) = (abc_b(theta[0], theta[1]), theta[1], theta[2]);
         let [column] = forward.project(|n| [abc_lobe(b, c, ior, [n.wi.z, n.wo.z], n.h.z, n.wo.dot(&n.h))]);
         vec![column]
+    }
+
+    /// One pass over the nodes for all three.
+    fn slopes(&self, forward: &Forward, theta: &[f64]) -> Vec<Vec<Vec<f64>>> {
+        let [width, c, ior] = [theta[0], theta[1], theta[2]];
+        let b = abc_b(width, c);
+        // d ln b by ln width and by ln c.
+        let b_by_width = -width * width.sin() / (1.0 - width.cos());
+        let doubled = 2f64.powf(1.0 / c);
+        let b_by_c = -std::f64::consts::LN_2 / c * doubled / (doubled - 1.0);
+        let slopes = forward.project(|n| {
+            let [by_b, by_c, by_ior] = abc_lobe_slopes(b, c, ior, [n.wi.z, n.wo.z], n.h.z, n.wo.dot(&n.h));
+            [b * b_by_width * by_b, b * b_by_c * by_b + c * by_c, (ior - 1.0) * by_ior]
+        });
+        slopes.into_iter().map(|slope| vec![slope]).collect()
     }
 
     fn model(&self, theta: &[f64], x: &[[f64; 3]]) -> Model {

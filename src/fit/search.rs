@@ -105,8 +105,6 @@ const STEP_TOLERANCE: f64 = 1e-6;
 const PATIENCE: usize = 30;
 /// Evaluations of the simplex for each shape parameter.
 const SIMPLEX_PATIENCE: u64 = 16;
-/// Step of numerical derivatives in the search variable.
-const STEP: f64 = 1e-5;
 
 /// Maps shape parameters to search variables and back: logarithms, bounded by a sine as in MINUIT.
 struct Scale(Vec<ShapeParameter>);
@@ -126,6 +124,15 @@ impl Scale {
         let one = |p: &ShapeParameter, v: f64| {
             let [lo, hi] = p.range.map(|r| (r - p.origin).ln());
             p.origin + (lo + (hi - lo) * 0.5 * (v.sin() + 1.0)).exp()
+        };
+        self.0.iter().zip(inner).map(|(p, &v)| one(p, v)).collect()
+    }
+
+    /// Derivatives of the logarithms of the shape parameters above their origins by the search variables.
+    fn slopes(&self, inner: &[f64]) -> Vec<f64> {
+        let one = |p: &ShapeParameter, v: f64| {
+            let [lo, hi] = p.range.map(|r| (r - p.origin).ln());
+            (hi - lo) * 0.5 * v.cos()
         };
         self.0.iter().zip(inner).map(|(p, &v)| one(p, v)).collect()
     }
@@ -215,14 +222,10 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
         let (columns, solution) = self.state.as_ref()?;
         let n = self.likelihood.lambert.len();
         let mut jacobian = DMatrix::zeros(3 * n, self.inner.len());
-        for j in 0..self.inner.len() {
-            let at = |step: f64| {
-                let mut inner = self.inner.clone();
-                inner[j] += step;
-                self.family.columns(self.likelihood.forward, &self.scale.outward(inner.as_slice()))
-            };
-            let change = derivative(self.likelihood, &at(STEP), &at(-STEP), &solution.x, 2.0 * STEP);
-            jacobian.set_column(j, &change);
+        let theta = self.scale.outward(self.inner.as_slice());
+        let slopes = self.family.slopes(self.likelihood.forward, &theta);
+        for (j, (slopes, by_inner)) in slopes.iter().zip(self.scale.slopes(self.inner.as_slice())).enumerate() {
+            jacobian.set_column(j, &(derivative(self.likelihood, slopes, &solution.x) * by_inner));
         }
         self.likelihood.project_out(columns, &solution.x, &mut jacobian);
         Some(jacobian)
@@ -241,17 +244,8 @@ pub(super) struct Linearised<'a> {
 
 impl<'a> Linearised<'a> {
     pub fn new(family: &'a dyn Family, forward: &Forward, minimum: &'a Minimum) -> Self {
-        let shape = family.shape();
-        let slopes = (0..shape.len()).map(|j| {
-            let at = |step: f64| {
-                let mut theta = minimum.theta.clone();
-                theta[j] = shape[j].origin + (theta[j] - shape[j].origin) * step.exp();
-                family.columns(forward, &theta)
-            };
-            let both = at(STEP).into_iter().zip(at(-STEP));
-            both.map(|(p, m)| p.iter().zip(&m).map(|(p, m)| (p - m) / (2.0 * STEP)).collect()).collect()
-        });
-        Self { family, theta: &minimum.theta, columns: &minimum.columns, slopes: slopes.collect() }
+        let slopes = family.slopes(forward, &minimum.theta);
+        Self { family, theta: &minimum.theta, columns: &minimum.columns, slopes }
     }
 }
 
@@ -284,23 +278,14 @@ impl Family for Linearised<'_> {
     }
 }
 
-/// d residual / d parameter where the columns change from `minus` to `plus` over `step`, linear parameters held.
-pub(super) fn derivative(
-    likelihood: &Likelihood<'_>,
-    plus: &[Vec<f64>],
-    minus: &[Vec<f64>],
-    x: &[[f64; 3]],
-    step: f64,
-) -> DVector<f64> {
+/// d residual / d parameter where the columns change by `slopes`, linear parameters held.
+pub(super) fn derivative(likelihood: &Likelihood<'_>, slopes: &[Vec<f64>], x: &[[f64; 3]]) -> DVector<f64> {
     let n = likelihood.lambert.len();
     let mut change = DVector::zeros(3 * n);
     for c in 0..3 {
-        for (k, (p, m)) in plus.iter().zip(minus).enumerate() {
-            let x = x[k + 1][c];
-            if x != 0.0 {
-                for i in 0..n {
-                    change[c * n + i] -= likelihood.weight[c][i] * x * (p[i] - m[i]) / step;
-                }
+        for (slope, x) in slopes.iter().zip(&x[1..]).filter(|(_, x)| x[c] != 0.0) {
+            for i in 0..n {
+                change[c * n + i] -= likelihood.weight[c][i] * x[c] * slope[i];
             }
         }
     }

@@ -127,18 +127,10 @@ pub(super) fn covariance(
     let count = shapes + 3 * columns;
     let mut jacobian = DMatrix::zeros(3 * n, count);
     let mut free = vec![false; count];
-    for (j, p) in family.shape().iter().enumerate() {
+    let slopes = family.slopes(likelihood.forward, &minimum.theta);
+    for (j, (p, slopes)) in family.shape().iter().zip(&slopes).enumerate() {
         let theta = minimum.theta[j];
-        let step = 1e-5 * (theta - p.origin);
-        let at = |t: f64| {
-            let mut moved = minimum.theta.clone();
-            moved[j] = t;
-            family.columns(likelihood.forward, &moved)
-        };
-        jacobian.set_column(
-            j,
-            &derivative(likelihood, &at(theta + step), &at(theta - step), &minimum.solution.x, 2.0 * step),
-        );
+        jacobian.set_column(j, &(derivative(likelihood, slopes, &minimum.solution.x) / (theta - p.origin)));
         let inside = theta > p.range[0] * 1.001 && theta < p.range[1] * 0.999;
         free[j] = inside && jacobian.column(j).norm_squared() > 0.0;
     }

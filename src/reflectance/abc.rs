@@ -101,11 +101,24 @@ impl Abc {
 }
 
 /// The lobe for `a` = 1, 1/sr.
-pub(crate) fn abc_lobe(b: f64, c: f64, ior: f64, [cos_i, cos_o]: [f64; 2], cos_h: f64, cos_d: f64) -> f64 {
+pub(crate) fn abc_lobe(b: f64, c: f64, ior: f64, cosines: [f64; 2], cos_h: f64, cos_d: f64) -> f64 {
     let cos_d = cos_d.clamp(1e-12, 1.0);
-    let g = (2.0 * cos_h * cos_i.min(cos_o) / cos_d).min(1.0);
     let fall_off = (1.0 + b * (1.0 - cos_h).max(0.0)).powf(-c);
-    FRAC_1_PI * fresnel_dielectric(cos_d, ior) * g * fall_off / (cos_i * cos_o)
+    fresnel_dielectric(cos_d, ior) * grooves(cosines, cos_h, cos_d) * fall_off
+}
+
+/// Derivatives of [`abc_lobe`] by b, c and the index of refraction.
+pub(crate) fn abc_lobe_slopes(b: f64, c: f64, ior: f64, cosines: [f64; 2], cos_h: f64, cos_d: f64) -> [f64; 3] {
+    let (cos_d, t) = (cos_d.clamp(1e-12, 1.0), (1.0 - cos_h).max(0.0));
+    let log = (b * t).ln_1p();
+    let shape = grooves(cosines, cos_h, cos_d) * (-c * log).exp();
+    let lobe = fresnel_dielectric(cos_d, ior) * shape;
+    [-c * t / (1.0 + b * t) * lobe, -log * lobe, fresnel_dielectric_slope(cos_d, ior) * shape]
+}
+
+/// Shadowing of V-shaped grooves over pi cos(theta_i) cos(theta_o).
+fn grooves([cos_i, cos_o]: [f64; 2], cos_h: f64, cos_d: f64) -> f64 {
+    FRAC_1_PI * (2.0 * cos_h * cos_i.min(cos_o) / cos_d).min(1.0) / (cos_i * cos_o)
 }
 
 /// Reflectance of the boundary to a dielectric of index `ior` > 1 for unpolarised light at `cos_theta` in 0..=1.
@@ -115,6 +128,17 @@ fn fresnel_dielectric(cos_theta: f64, ior: f64) -> f64 {
     let s_polarised = (g - c) / (g + c);
     let p_over_s = (c * (g + c) - 1.0) / (c * (g - c) + 1.0);
     0.5 * s_polarised * s_polarised * (1.0 + p_over_s * p_over_s)
+}
+
+/// Its derivative by `ior`.
+fn fresnel_dielectric_slope(cos_theta: f64, ior: f64) -> f64 {
+    let c = cos_theta;
+    let g = (ior * ior - 1.0 + c * c).sqrt();
+    let (s_polarised, s_slope) = ((g - c) / (g + c), 2.0 * c / (g + c).powi(2));
+    let below = c * (g - c) + 1.0;
+    let (p_over_s, p_slope) = ((c * (g + c) - 1.0) / below, 2.0 * c * (1.0 - c * c) / (below * below));
+    let by_g = s_polarised * s_slope * (1.0 + p_over_s * p_over_s) + s_polarised * s_polarised * p_over_s * p_slope;
+    by_g * ior / g
 }
 
 /// One built-in fit.
@@ -208,6 +232,28 @@ mod tests {
         let n = 1.5f64;
         let brewster = 0.5 * ((n * n - 1.0) / (n * n + 1.0)).powi(2);
         assert!((fresnel_dielectric(n.atan().cos(), n) - brewster).abs() < 1e-15);
+    }
+
+    /// Central differences with a step of 1e-5 err by some 1e-10 of the value.
+    const DIFFERENCE: f64 = 1e-7;
+
+    #[test]
+    fn slopes_are_those_of_the_lobe() {
+        for (b, c, ior) in [(3.0, 0.4, 1.3), (800.0, 1.2, 1.6), (1e5, 3.0, 4.0)] {
+            for (cos_h, cos_d) in [(1.0, 0.9), (0.9999, 0.5), (0.97, 0.7), (0.6, 0.99)] {
+                let lobe = |b, c, ior| abc_lobe(b, c, ior, [0.6, 0.8], cos_h, cos_d);
+                let slope = |f: &dyn Fn(f64) -> f64, x: f64| (f(x * (1.0 + 1e-5)) - f(x * (1.0 - 1e-5))) / (2e-5 * x);
+                let want = [
+                    slope(&|b| lobe(b, c, ior), b),
+                    slope(&|c| lobe(b, c, ior), c),
+                    slope(&|ior| lobe(b, c, ior), ior),
+                ];
+                let got = abc_lobe_slopes(b, c, ior, [0.6, 0.8], cos_h, cos_d);
+                for ((got, want), x) in got.into_iter().zip(want).zip([b, c, ior]) {
+                    assert!((got - want).abs() * x < DIFFERENCE * lobe(b, c, ior), "{got} {want}");
+                }
+            }
+        }
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! The simulated sensor: from electrons per second to samples, with noise and differences between pixels.
 
+use pulp::{Arch, Simd, WithSimd};
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -51,33 +52,76 @@ impl Sensor {
     /// Samples of an exposure from the light in electrons per second, ambient included, that a lamp of relative light `lamp`
     /// sends. `number` tells one frame's noise from another's.
     pub fn samples(&self, rates: &[f32], exposure_s: f64, lamp: f64, number: u64) -> Vec<u16> {
-        let (t, lamp) = (exposure_s as f32, lamp as f32);
+        let light = Light { exposure_s: exposure_s as f32, lamp: lamp as f32 };
         let mut samples = vec![0u16; rates.len()];
         let rows = samples.par_chunks_mut(self.width).zip(rates.par_chunks(self.width));
-        rows.enumerate().for_each(|(row, (samples, rates))| {
-            let mut rng = row_generator(self.seed, number, row as u64);
-            for (column, (sample, &rate)) in samples.iter_mut().zip(rates).enumerate() {
-                let mut mean = (self.ambient + (rate - self.ambient) * lamp) * t;
-                let mut offset = 0.0;
-                if let Some(pixels) = &self.pixels {
-                    let at = row * self.width + column;
-                    mean = mean * pixels.response[at] + pixels.dark_e_s[at] * t;
-                    offset = pixels.offset_e[at];
-                }
-                // Beside 10 electrons of dark noise, Poisson and normal shot noise cannot be told apart.
-                let noise = if self.noise {
-                    let unit: f32 = StandardNormal.sample(&mut rng);
-                    unit * (mean.max(0.0) + self.dark_variance).sqrt()
-                } else {
-                    0.0
-                };
-                let electrons = (mean + noise + offset).min(self.well);
-                let dn = (self.black + self.gain * electrons).clamp(0.0, self.white);
-                let code = if self.gamma == 1.0 { dn } else { 255.0 * (dn / self.white).powf(self.gamma.recip()) };
-                *sample = (code + 0.5).min(self.white) as u16;
+        rows.enumerate().for_each_init(Vec::new, |units, (row, (samples, rates))| {
+            // First all that is drawn, then what is computed of it: each by itself takes half as long.
+            units.clear();
+            if self.noise {
+                let mut rng = row_generator(self.seed, number, row as u64);
+                units.extend(rates.iter().map(|_| Distribution::<f32>::sample(&StandardNormal, &mut rng)));
+            } else {
+                units.resize(rates.len(), 0.0);
             }
+            Arch::new().dispatch(Row { sensor: self, light, at: row * self.width, rates, units, samples });
         });
         samples
+    }
+}
+
+/// How long, and how bright the lamp is.
+#[derive(Clone, Copy)]
+struct Light {
+    exposure_s: f32,
+    lamp: f32,
+}
+
+/// A row of pixels from `at` on, with a standard normal number for each.
+struct Row<'a> {
+    sensor: &'a Sensor,
+    light: Light,
+    at: usize,
+    rates: &'a [f32],
+    units: &'a [f32],
+    samples: &'a mut [u16],
+}
+
+impl WithSimd for Row<'_> {
+    type Output = ();
+
+    /// The compiler finds the vectors; here is only said of which width they may be.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        let Self { sensor, light: Light { exposure_s, lamp }, at, rates, units, samples } = self;
+        let mean = |rate: f32| (sensor.ambient + (rate - sensor.ambient) * lamp) * exposure_s;
+        let code = |mean: f32, offset: f32, unit: f32| {
+            // Beside 10 electrons of dark noise, Poisson and normal shot noise cannot be told apart.
+            let noise = unit * (mean.max(0.0) + sensor.dark_variance).sqrt();
+            let electrons = (mean + noise + offset).min(sensor.well);
+            (sensor.black + sensor.gain * electrons).clamp(0.0, sensor.white)
+        };
+        let white = sensor.white;
+        let rounded = |code: f32| (code + 0.5).min(white) as u16;
+        let pixels = samples.iter_mut().zip(rates).zip(units);
+        match &sensor.pixels {
+            None if sensor.gamma == 1.0 => {
+                pixels.for_each(|((sample, &rate), &unit)| *sample = rounded(code(mean(rate), 0.0, unit)));
+            }
+            own => pixels.enumerate().for_each(|(i, ((sample, &rate), &unit))| {
+                let mut dn = match own {
+                    None => code(mean(rate), 0.0, unit),
+                    Some(own) => {
+                        let mean = mean(rate) * own.response[at + i] + own.dark_e_s[at + i] * exposure_s;
+                        code(mean, own.offset_e[at + i], unit)
+                    }
+                };
+                if sensor.gamma != 1.0 {
+                    dn = 255.0 * (dn / white).powf(sensor.gamma.recip());
+                }
+                *sample = rounded(dn);
+            }),
+        }
     }
 }
 
