@@ -17,9 +17,9 @@ use crate::fit::{Fineness, FitError, FitMethod, FitOptions, Forward, Observation
 use crate::forecast::{Class, FitAdviser, NoiseModel, Outlook, contrast};
 use crate::geometry::Direction;
 use crate::geometry::quadrature::polar_about_mirror;
-use crate::measure::{MeasureError, Measurement, Provenance, Request, measure};
+use crate::measure::{MeasureError, Measurement, Provenance, Request, lobe_pairs, measure};
 use crate::optics::Rig;
-use crate::patterns::{Adaptive, Plan, Scheme, Timing};
+use crate::patterns::{Adaptive, Pattern, Plan, Scheme, Timing};
 use crate::reduce::{Coefficients, ReduceError};
 use crate::reflectance::{Brdf, Metric, MetricError, Reference, ZoneErrors};
 use crate::twin::{Accuracy, TwinBench, TwinConfig};
@@ -144,8 +144,9 @@ impl ParetoScan<'_> {
             (counted.1)(done, total);
         };
         let (adaptive, fixed): (Vec<&Plan>, Vec<&Plan>) = self.plans.iter().partition(|plan| plan.adaptive.is_some());
+        let shown = self.shown(&fixed)?;
         let of_material = |index: usize| -> Result<Tried<'_>, ParetoError> {
-            let mut tried = self.begun(index, &metric)?;
+            let mut tried = self.begun(index, &metric, &shown)?;
             step();
             for plan in &fixed {
                 self.add(plan, &mut tried)?;
@@ -186,11 +187,20 @@ impl ParetoScan<'_> {
         Ok(ParetoRuns { report, pairs })
     }
 
-    /// A material after the run of pairs, whose beginnings are plans of lower orders.
-    fn begun<'a>(&'a self, index: usize, metric: &'a Metric) -> Result<Tried<'a>, ParetoError> {
+    /// The frames of the run of pairs and of these plans.
+    fn shown(&self, plans: &[&Plan]) -> Result<Vec<Pattern>, MeasureError> {
+        let pairs = Plan::of_order(self.pairs);
+        let lobes = |plan| lobe_pairs(self.rig, plan, self.calibration);
+        let lobes = std::iter::once(&pairs).chain(plans.iter().copied()).map(lobes).collect::<Result<Vec<_>, _>>()?;
+        Ok(lobes.into_iter().flatten().flat_map(|pair| pair.patterns).collect())
+    }
+
+    /// A material after the run of pairs, whose beginnings are plans of lower orders; `shown` is all that it will be shown.
+    fn begun<'a>(&'a self, index: usize, metric: &'a Metric, shown: &[Pattern]) -> Result<Tried<'a>, ParetoError> {
         let brdf = &self.materials[index].1;
         let config = TwinConfig { seed: self.config.seed + index as u64, ..self.config.clone() };
         let mut bench = TwinBench::new(self.rig, config, brdf.clone());
+        bench.foresee(shown);
         let pairs = self.measured(&Plan::of_order(self.pairs), &mut bench)?.coefficients;
         let reference = metric.reference(brdf.as_ref())?;
         let mut tried = Tried { bench, reference, runs: Vec::new(), pairs };
@@ -423,4 +433,17 @@ fn published(runs: &[Vec<Run>]) -> Vec<SeedPoint> {
 fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A run waits for a thread that reduces with rayon: in rayon's own threads all could wait for each other.
+    #[test]
+    fn tasks_run_beside_rayon_and_answer_in_order() {
+        let found = side_by_side(9, |i| Ok::<_, usize>((i, rayon::current_thread_index())));
+        assert_eq!(found, Ok((0..9).map(|i| (i, None)).collect()));
+        assert_eq!(side_by_side(9, |i| if i == 4 { Err(i) } else { Ok(i) }), Err(4));
+    }
 }

@@ -9,6 +9,7 @@ use super::scene::Scene;
 use super::{Faults, TwinConfig};
 use crate::capture::{Bench, CameraFactory, CaptureError, Clock, Placement, ProjectorFactory, Triggering};
 use crate::optics::Rig;
+use crate::patterns::Pattern;
 use crate::reflectance::Brdf;
 
 /// A simulated rig with a sample in it.
@@ -39,6 +40,12 @@ impl TwinBench {
     /// The same rig with another material on its gray card.
     pub fn with_card(self, card: Arc<dyn Brdf>) -> Self {
         self.changed(|world| world.scene.get_mut().unwrap_or_else(PoisonError::into_inner).card = card)
+    }
+
+    /// Computes at once what the sample in place will reflect of patterns that are shown later: directions are gone through once
+    /// for all of them.
+    pub fn foresee(&mut self, patterns: &[Pattern]) {
+        self.world.scene.lock().unwrap_or_else(PoisonError::into_inner).foresee(patterns);
     }
 
     /// Sensor pixels of this rig that are hot, row by row: for tests.

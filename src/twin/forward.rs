@@ -272,13 +272,15 @@ impl Grid {
             let shared = brdf.is_isotropic().then(|| evaluate(&Direction::from_angles(theta_o, 0.0)));
             out.par_chunks_mut(row).enumerate().for_each_init(Vec::new, |visits, (sector, out)| {
                 let wo = Direction::from_angles(theta_o, sector as f64 * TAU / sectors as f64);
-                match &shared {
-                    Some(nodes) => {
-                        visit(nodes, sector as f64 * TAU / sectors as f64, &wo, light, optics, visits);
+                let own;
+                let (nodes, phi_o) = match &shared {
+                    Some(nodes) => (nodes, sector as f64 * TAU / sectors as f64),
+                    None => {
+                        own = evaluate(&wo);
+                        (&own, 0.0)
                     }
-                    None => visit(&evaluate(&wo), 0.0, &wo, light, optics, visits),
-                }
-                arch.dispatch(Accumulate { visits, light, out });
+                };
+                arch.dispatch(Sums { nodes, phi_o, wo: &wo, light, optics, visits, out });
             });
         });
         self
@@ -314,7 +316,30 @@ impl Node {
 /// A lit node: the projector pixel that lights it, and its weight in each channel.
 type Visit = (u32, [f32; 3]);
 
+/// The patterns' light over what is lit of the nodes of `wo`, turned by `phi_o`: `out[channel][pattern]`.
+struct Sums<'a> {
+    nodes: &'a Nodes,
+    phi_o: f64,
+    wo: &'a Direction<Sample>,
+    light: &'a PatternLight,
+    optics: Optics<'a>,
+    visits: &'a mut Vec<Visit>,
+    out: &'a mut [f32],
+}
+
+impl WithSimd for Sums<'_> {
+    type Output = ();
+
+    /// The compiler finds the vectors; here is only said of which width they may be.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        visit(self.nodes, self.phi_o, self.wo, self.light, self.optics, self.visits);
+        accumulate(self.visits, self.light, self.out);
+    }
+}
+
 /// Collects what is lit of the nodes of `wo`, turned by `phi_o`.
+#[inline(always)]
 fn visit(
     nodes: &Nodes,
     phi_o: f64,
@@ -346,23 +371,7 @@ fn visit(
     }
 }
 
-/// Adds up the patterns' light over lit nodes: `out[channel][pattern]`.
-struct Accumulate<'a> {
-    visits: &'a [Visit],
-    light: &'a PatternLight,
-    out: &'a mut [f32],
-}
-
-impl WithSimd for Accumulate<'_> {
-    type Output = ();
-
-    /// The compiler finds the vectors; here is only said of which width they may be.
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) {
-        accumulate(self.visits, self.light, self.out);
-    }
-}
-
+/// Adds up the patterns' light over lit nodes.
 #[inline(always)]
 fn accumulate(visits: &[Visit], light: &PatternLight, out: &mut [f32]) {
     for (block, pixels) in light.blocks.iter().enumerate() {

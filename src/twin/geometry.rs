@@ -63,7 +63,7 @@ impl InverseMap {
     }
 
     /// Whether a misaligned paraboloid shadows what a nominal one would not, at (theta cos phi, theta sin phi), radians.
-    #[inline]
+    #[inline(always)]
     pub fn shadowed(&self, x: f32, y: f32) -> bool {
         let theta2 = x * x + y * y;
         let (nominal, table) = &self.shadow;
@@ -78,7 +78,7 @@ impl InverseMap {
     }
 
     /// Pixel coordinates of the direction at (theta cos phi, theta sin phi), radians, within the reach.
-    #[inline]
+    #[inline(always)]
     pub fn pixel(&self, x: f32, y: f32) -> (f32, f32) {
         let r = ((x * x + y * y) * (STEPS as f32 / (self.reach * self.reach))).min(STEPS as f32 - 1.0);
         // By way of signed integers, which processors convert to in one step.

@@ -165,6 +165,13 @@ impl Scene {
         self.rates = None;
     }
 
+    /// Learns what the sample reflects of these frames before they are shown.
+    pub fn foresee(&mut self, frames: &[Pattern]) {
+        let shown = std::mem::replace(&mut self.sequence, frames.to_vec());
+        self.reflect();
+        self.sequence = shown;
+    }
+
     /// Puts something else in place.
     pub fn place(&mut self, what: Placement) {
         if what == self.placement {
