@@ -154,7 +154,7 @@ pub struct Lobes {
 /// Points along each side of a pixel that the zone's edge cuts: antialiased to 1/64.
 const SUBSAMPLES: usize = 8;
 /// Points along each side of a pixel within the zone, by Gauss and Legendre: a function of order 20 is off by less than 1e-7 in
-/// pixels of 0.35 deg. Where it changes its sign both lights may be too great by the same, which their difference does not see.
+/// pixels of 0.35 deg. Where it changes its sign both lights may be off by the same, which their difference does not see.
 const GAUSS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
 
 impl Lobes {
