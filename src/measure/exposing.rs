@@ -14,8 +14,9 @@ const MARGIN_SIGMAS: f64 = 3.0;
 const LADDER: f64 = std::f64::consts::SQRT_2;
 /// Pixels the noise is predicted from; more would say the same.
 const SAMPLED_PIXELS: usize = 20_000;
-/// Share of the target that is aimed at: predictions come from the noisy frames of the shortest exposure.
-const AIM: f64 = 0.97;
+/// Share of the target that is aimed at: predictions come from the noisy frames of the shortest exposure. That of black velvet
+/// on a coarse camera was 4% too low.
+const AIM: f64 = 0.95;
 /// Most exposures beyond the first.
 const MAX_FURTHER: usize = 3;
 
