@@ -17,6 +17,8 @@ const SAMPLED_PIXELS: usize = 20_000;
 /// Share of the target that is aimed at: predictions come from the noisy frames of the shortest exposure. That of black velvet
 /// on a coarse camera was 4% too low.
 const AIM: f64 = 0.95;
+/// The same where steps begin with the exposures that the one before needed, and frames are less noisy.
+const AIM_CARRYING: f64 = 0.97;
 /// Most exposures beyond the first.
 const MAX_FURTHER: usize = 3;
 
@@ -188,7 +190,8 @@ impl Exposer for AutomaticExposer {
         if k == 0 || self.constant.is_none() {
             self.constant = Some(self.constant_of(k, pair));
         }
-        let limit = AIM * self.noise_rel * self.constant.expect("set above");
+        let aim = if self.carries { AIM_CARRYING } else { AIM };
+        let limit = aim * self.noise_rel * self.constant.expect("set above");
         let counted: Vec<usize> = (0..self.weights.len()).filter(|&p| self.weights[p] > 0.0).collect();
         let saturated = counted.iter().any(|&p| pair.iter().any(|image| image.rate[p].is_nan()));
         let step = counted.len().div_ceil(SAMPLED_PIXELS).max(1);
