@@ -6,8 +6,9 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::forward::{Accuracy, PatternLight, ResponseField};
+use super::forward::{Accuracy, ResponseField};
 use super::geometry::InverseMap;
+use super::light::PatternLight;
 use super::sensor::Sensor;
 use super::targets::{Target, View};
 use super::{Pupils, TwinConfig};

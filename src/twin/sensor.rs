@@ -56,7 +56,7 @@ impl Sensor {
         let mut samples = vec![0u16; rates.len()];
         let rows = samples.par_chunks_mut(self.width).zip(rates.par_chunks(self.width));
         rows.enumerate().for_each_init(Vec::new, |units, (row, (samples, rates))| {
-            // First all that is drawn, then what is computed of it: each by itself takes half as long.
+            // First all that is drawn, one after the other, then what is computed of it, in vectors.
             units.clear();
             if self.noise {
                 let mut rng = row_generator(self.seed, number, row as u64);
