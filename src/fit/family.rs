@@ -202,3 +202,59 @@ impl Family for AbcFamily {
         widths.into_iter().flat_map(|w| tails.map(|c| vec![w, c, 1.5])).collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::basis::size;
+    use crate::fit::{Fineness, Observations};
+    use crate::geometry::{ExitantGrid, Zone};
+    use crate::reduce::Coefficients;
+
+    /// ABC lobes without slopes of their own.
+    struct Differences;
+
+    impl Family for Differences {
+        fn shape(&self) -> Vec<ShapeParameter> {
+            AbcFamily.shape()
+        }
+
+        fn linear(&self) -> Vec<String> {
+            AbcFamily.linear()
+        }
+
+        fn columns(&self, forward: &Forward, theta: &[f64]) -> Vec<Vec<f64>> {
+            AbcFamily.columns(forward, theta)
+        }
+
+        fn model(&self, theta: &[f64], x: &[[f64; 3]]) -> Model {
+            AbcFamily.model(theta, x)
+        }
+
+        fn starts(&self) -> Vec<Vec<f64>> {
+            AbcFamily.starts()
+        }
+    }
+
+    /// Central differences over 1e-5 of a logarithm, of columns that cancel to a tenth of their terms.
+    const DIFFERENCE: f64 = 1e-6;
+
+    #[test]
+    fn closed_slopes_of_abc_lobes_are_those_of_their_columns() {
+        let (order, grid) = (2, ExitantGrid::new(Zone::from_degrees(9.0, 57.0).unwrap(), 6, 8));
+        let n = size(order) * 3 * grid.len();
+        let (values, sigma) = (vec![0.1; n], vec![1e-4; n]);
+        let coefficients = Coefficients { grid, order, values, sigma, history: String::new() };
+        let forward = Forward::new(&Observations::folded(&coefficients), Fineness::default()).unwrap();
+        for theta in [[0.02, 1.2, 1.5], [0.3, 0.4, 1.1], [0.1, 5.0, 3.0]] {
+            let size = |column: &[f64]| column.iter().fold(0.0f64, |most, x| most.max(x.abs()));
+            let scale = size(&AbcFamily.columns(&forward, &theta)[0]);
+            let both = AbcFamily.slopes(&forward, &theta).into_iter().zip(Differences.slopes(&forward, &theta));
+            for (j, (closed, differences)) in both.enumerate() {
+                let off: Vec<f64> = closed[0].iter().zip(&differences[0]).map(|(a, b)| a - b).collect();
+                assert!(size(&off) < DIFFERENCE * scale, "{theta:?}, parameter {j}: {} of {scale}", size(&off));
+                assert!(size(&closed[0]) > 1e3 * size(&off), "{theta:?}, parameter {j}");
+            }
+        }
+    }
+}
