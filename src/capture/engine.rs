@@ -9,7 +9,7 @@ use super::acquisition::{Accepted, Acquisition, Effort, Refused, Taken};
 use super::journal::{FrameEntry, Journal, JournalEntry, Recorded};
 use super::state::{Control, Input, State};
 use super::worker::{LobeFrames, Pair, Work, Worker, channel};
-use super::{Bench, CaptureError, Crop, Director, Exposer, ResponseImage, RunFolder, SensorMaps};
+use super::{Bench, CaptureError, Crop, Director, Exposer, ResponseImage, RunFolder, SensorMaps, Spent};
 use crate::optics::Rig;
 use crate::patterns::{Lobe, Pattern, RigTime, Sign, Timing};
 use crate::store::StoreError;
@@ -224,8 +224,7 @@ impl<'a> Engine<'a> {
     ) -> Result<(), CaptureError> {
         let mut began = (Instant::now(), devices.clock.now_s());
         loop {
-            let taken = RigTime { decision_s: 0.0, ..session.rig_time };
-            let steps = run.director.next(taken.total_s());
+            let steps = run.director.next(&session.spent(began.0));
             if steps.is_empty() {
                 return Ok(());
             }
@@ -348,6 +347,15 @@ impl Session {
     fn shown(&mut self, exposures_s: &[f64], timing: &Timing) {
         self.images += 1;
         self.rig_time = self.rig_time.and(RigTime::of_pattern(exposures_s, timing));
+    }
+
+    /// For a decision that the rig has been waiting for since `began`.
+    fn spent(&self, began: Instant) -> Spent {
+        let frames_s = RigTime { decision_s: 0.0, ..self.rig_time }.total_s();
+        if self.index < self.recorded.in_order.len() {
+            return Spent::frames(frames_s);
+        }
+        Spent::waiting(frames_s, self.rig_time.decision_s, began)
     }
 
     /// Counts the frames of a pair that an earlier session took.

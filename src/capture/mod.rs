@@ -26,7 +26,7 @@ pub use device::{
     Bench, Camera, CameraFactory, CameraLimits, Clock, Frame, FrameFlags, Placement, Projector, ProjectorFactory,
     ProjectorLimits, Triggering,
 };
-pub use director::{AllSteps, Director};
+pub use director::{AllSteps, Director, Spent};
 pub use engine::{Engine, Progress, Run, RunSummary};
 pub use exposer::{Bracket, Exposer};
 pub use journal::{Journal, JournalEntry, Recorded};

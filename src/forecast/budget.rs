@@ -32,7 +32,7 @@ pub fn candidates(like: &Plan, any_sample: bool) -> Vec<Plan> {
     plans
 }
 
-/// An adaptive plan that stays within `budget_s` seconds on the rig, decisions not counted; exitant directions and colours are those
+/// An adaptive plan that stays within `budget_s` seconds on the rig, decisions among them; exitant directions and colours are those
 /// of `like`.
 ///
 /// # Errors

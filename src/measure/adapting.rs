@@ -4,7 +4,7 @@ use std::sync::{Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
 
-use crate::capture::Director;
+use crate::capture::{Director, Spent};
 use crate::patterns::{Adaptive, Stage};
 use crate::reduce::{Coefficients, Reduced, Reducer};
 
@@ -70,8 +70,8 @@ pub(super) struct Adapting<'a> {
     /// Steps that the coefficients are made from.
     pub steps: Vec<usize>,
     images: usize,
-    /// Rig time before the stage under way, s.
-    spent_s: f64,
+    /// Time that frames took before the stage under way, s.
+    frames_s: f64,
     /// Steps of the stage under way.
     under_way: usize,
     pub decisions: Vec<Decision>,
@@ -90,7 +90,7 @@ impl<'a> Adapting<'a> {
             stage: None,
             steps: Vec::new(),
             images: 0,
-            spent_s: 0.0,
+            frames_s: 0.0,
             under_way: 0,
             decisions,
             failure: None,
@@ -117,7 +117,7 @@ impl<'a> Adapting<'a> {
 }
 
 impl Director for Adapting<'_> {
-    fn next(&mut self, taken_s: f64) -> Vec<usize> {
+    fn next(&mut self, spent: &Spent) -> Vec<usize> {
         let Some(stage) = self.stage else { return self.enter(0, self.stages[0].steps.clone().collect()) };
         let reduced = match self.reduced() {
             Ok(reduced) => reduced,
@@ -153,7 +153,8 @@ impl Director for Adapting<'_> {
         };
         let affordable = wanted.filter(|(_, steps)| {
             // Another step costs what the last ones did.
-            let ends_s = taken_s + (taken_s - self.spent_s) / self.under_way as f64 * steps.len() as f64;
+            let step_s = (spent.frames_s - self.frames_s) / self.under_way as f64;
+            let ends_s = spent.total_s() + step_s * steps.len() as f64;
             let room = self.target.limit_s.is_none_or(|limit_s| ends_s <= limit_s);
             if !room {
                 decision.reason += &format!("; it would end after {ends_s:.1} s, beyond the limit");
@@ -162,7 +163,7 @@ impl Director for Adapting<'_> {
         });
         self.decisions.push(Decision { images: self.images, ..decision });
         let Some((stage, steps)) = affordable else { return Vec::new() };
-        self.spent_s = taken_s;
+        self.frames_s = spent.frames_s;
         if !self.stages[stage].isotropic && isotropic {
             self.steps.clear();
         }

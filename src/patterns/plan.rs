@@ -117,7 +117,8 @@ fn is_pairs(scheme: &Scheme) -> bool {
 pub struct Adaptive {
     /// Share of its error that a further step must be expected to save.
     pub gain_rel: f64,
-    /// Seconds on the rig that are not to be exceeded; the first step is taken in any case.
+    /// Seconds on the rig that are not to be exceeded, those in which it waits for decisions among them; the first step is taken in
+    /// any case.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub limit_s: Option<f64>,
 }

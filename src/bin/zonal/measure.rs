@@ -92,7 +92,7 @@ pub struct Args {
     /// Share of the error that a further step must be expected to save, with --adaptive [default: 0.05, or the plan's].
     #[arg(long, value_name = "SHARE", requires = "adaptive")]
     pub gain: Option<f64>,
-    /// Seconds on the rig not to be exceeded, with --adaptive; what is always taken is order 2.
+    /// Seconds on the rig not to be exceeded, with --adaptive, decisions included; what is always taken is order 2.
     #[arg(long, value_name = "SECONDS", requires = "adaptive")]
     pub limit: Option<f64>,
     /// Keep every camera frame as a 16-bit PNG.
