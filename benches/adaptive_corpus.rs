@@ -110,7 +110,7 @@ fn main() {
         adaptive("adaptive".into(), &free);
         for seconds in BUDGETS_S {
             let what = format!("budget {seconds},");
-            // Within the limit it is the same run.
+            // Within the limit it is the same run, unless a step was foreseen to take longer than it did.
             if free.0.rig_s <= seconds {
                 adaptive(what, &free);
             } else {

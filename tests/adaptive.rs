@@ -2,6 +2,7 @@
 
 mod common;
 
+use std::path::Path;
 use std::sync::{Arc, LazyLock};
 use std::time::Duration;
 
@@ -79,6 +80,32 @@ fn a_limit_of_time_is_kept() {
     }
 }
 
+/// A run that is kept in a folder, aborted after so many frames.
+fn stored(
+    path: &Path,
+    plan: &Plan,
+    adviser: &dyn Adviser,
+    bench: &mut TwinBench,
+    stop_after: Option<usize>,
+) -> Result<Measurement, MeasureError> {
+    let folder = RunFolder::create(path, false).unwrap();
+    let provenance = Provenance { sample: "test".into(), ..Default::default() };
+    let control = Control::default();
+    let request = Request {
+        rig: &COARSE,
+        plan,
+        calibration: &CALIBRATION,
+        provenance: &provenance,
+        control: &control,
+        adviser: Some(adviser),
+    };
+    measure(&request, bench, Some(&folder), &mut |done, _| {
+        if stop_after == Some(done) {
+            control.abort();
+        }
+    })
+}
+
 /// Wants all there is, and takes so many seconds to say so.
 struct Slow(f64);
 
@@ -109,22 +136,7 @@ fn time_to_decide_counts_against_the_limit() {
     let folder = tempfile::tempdir().unwrap();
     let bench = || TwinBench::new(&COARSE, TwinConfig::pinhole(7), open("gray-card").unwrap());
     let taken = |name: &str, thought_s: f64, stop_after: Option<usize>| {
-        let run = RunFolder::create(&folder.path().join(name), false).unwrap();
-        let control = Control::default();
-        let provenance = Provenance { sample: "test".into(), ..Default::default() };
-        let request = Request {
-            rig: &COARSE,
-            plan: &plan,
-            calibration: &CALIBRATION,
-            provenance: &provenance,
-            control: &control,
-            adviser: Some(&Slow(thought_s)),
-        };
-        measure(&request, &mut bench(), Some(&run), &mut |done, _| {
-            if stop_after == Some(done) {
-                control.abort();
-            }
-        })
+        stored(&folder.path().join(name), &plan, &Slow(thought_s), &mut bench(), stop_after)
     };
     let quick = taken("quick", 0.0, None).unwrap().record;
     let slow = taken("slow", limit_s, None).unwrap().record;
@@ -197,24 +209,8 @@ fn an_interrupted_run_decides_alike_and_ends_in_the_same_bits() {
     let folder = tempfile::tempdir().unwrap();
     let taken = |name: &str, stop_after: Option<usize>| {
         let path = folder.path().join(name);
-        let run = RunFolder::create(&path, false).unwrap();
-        let provenance = Provenance { sample: "test".into(), ..Default::default() };
-        let (control, adviser) = (Control::default(), FitAdviser::default());
-        let stop = control.clone();
-        let request = Request {
-            rig,
-            plan: &plan,
-            calibration: &CALIBRATION,
-            provenance: &provenance,
-            control: &control,
-            adviser: Some(&adviser),
-        };
         let mut bench = TwinBench::new(rig, config.clone(), sample());
-        let outcome = measure(&request, &mut bench, Some(&run), &mut |done, _| {
-            if stop_after == Some(done) {
-                stop.abort();
-            }
-        });
+        let outcome = stored(&path, &plan, &FitAdviser::default(), &mut bench, stop_after);
         (path, outcome)
     };
     let (whole_path, whole) = taken("whole", None);
