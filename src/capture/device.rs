@@ -250,4 +250,7 @@ pub trait Bench {
     /// # Errors
     /// [`CaptureError::Device`].
     fn place(&mut self, what: Placement) -> Result<(), CaptureError>;
+
+    /// Is told what will be shown of the thing in place, before devices are made ready: a simulation computes it all at once.
+    fn foresee(&mut self, _patterns: &[Pattern]) {}
 }

@@ -158,6 +158,7 @@ impl<'a> Engine<'a> {
         (run.begin)()?;
         let journal = run.folder.map(RunFolder::journal).transpose()?;
         let (journal, recorded) = journal.map_or((None, Recorded::default()), |(j, r)| (Some(j), r));
+        self.bench.foresee(run.patterns);
         Ok((devices, journal, recorded))
     }
 

@@ -22,6 +22,7 @@ pub fn capture_frames(
     keep: &mut KeepFrame<'_>,
 ) -> Result<(), CaptureError> {
     let mut devices = Acquisition::open(rig, bench, exposures_s)?;
+    bench.foresee(patterns);
     let longest_s = exposures_s.iter().copied().fold(0.0, f64::max);
     devices.prepare(patterns, longest_s, None, 0)?;
     for i in 0..patterns.len() {

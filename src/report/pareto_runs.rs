@@ -10,7 +10,7 @@ use thiserror::Error;
 use super::pareto::{ComputePoint, ParetoReport, PlanPoint, SeedPoint, Stage};
 use crate::basis::{Harmonics, Method, Rule};
 use crate::calibrate::CalibrationSet;
-use crate::capture::Control;
+use crate::capture::{Bench, Control};
 use crate::convert::{self, ConvertError, PriorTable};
 use crate::export::ShMaterial;
 use crate::fit::{Fineness, FitError, FitMethod, FitOptions, Forward, Observations, fit};

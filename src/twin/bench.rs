@@ -42,12 +42,6 @@ impl TwinBench {
         self.changed(|world| world.scene.get_mut().unwrap_or_else(PoisonError::into_inner).card = card)
     }
 
-    /// Computes at once what the sample in place will reflect of patterns that are shown later: directions are gone through once
-    /// for all of them.
-    pub fn foresee(&mut self, patterns: &[Pattern]) {
-        self.world.scene.lock().unwrap_or_else(PoisonError::into_inner).foresee(patterns);
-    }
-
     /// Sensor pixels of this rig that are hot, row by row: for tests.
     pub fn hot_pixels(&self) -> Vec<bool> {
         let scene = self.world.scene.lock().unwrap_or_else(PoisonError::into_inner);
@@ -114,5 +108,9 @@ impl Bench for TwinBench {
     fn place(&mut self, what: Placement) -> Result<(), CaptureError> {
         self.world.scene.lock().unwrap_or_else(PoisonError::into_inner).place(what);
         Ok(())
+    }
+
+    fn foresee(&mut self, patterns: &[Pattern]) {
+        self.world.scene.lock().unwrap_or_else(PoisonError::into_inner).foresee(patterns);
     }
 }

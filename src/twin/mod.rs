@@ -15,6 +15,7 @@ mod finite;
 mod forward;
 mod geometry;
 mod light;
+mod panel;
 mod scene;
 mod sensor;
 mod targets;

@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use super::forward::{Accuracy, ResponseField};
 use super::geometry::InverseMap;
 use super::light::PatternLight;
+use super::panel::{border, lit_zone};
 use super::sensor::Sensor;
 use super::targets::{Target, View};
 use super::{Pupils, TwinConfig};
@@ -16,7 +17,7 @@ use crate::calibrate::GRAY_CARD_ALBEDO;
 use crate::capture::Placement;
 use crate::geometry::{Direction, Sample, Zone};
 use crate::optics::{Device, Misaligned, Rig};
-use crate::patterns::{Pattern, Primary, Rect, TagLayout};
+use crate::patterns::{Pattern, Primary};
 use crate::reflectance::{Brdf, Lambert};
 
 /// Pixels are integrated over this many samples along each side.
@@ -166,9 +167,12 @@ impl Scene {
         self.rates = None;
     }
 
-    /// Learns what the sample reflects of these frames before they are shown.
+    /// Learns what the thing in place reflects of these frames before they are shown: directions are gone through once for all.
     pub fn foresee(&mut self, frames: &[Pattern]) {
-        let shown = std::mem::replace(&mut self.sequence, frames.to_vec());
+        let ([first, ..], Placement::Sample | Placement::GrayCard) = (frames, self.placement) else { return };
+        // Devices are made ready with a dark dome.
+        let dark = Pattern { codes: vec![0; first.codes.len()].into(), ..*first };
+        let shown = std::mem::replace(&mut self.sequence, frames.iter().cloned().chain([dark]).collect());
         self.reflect();
         self.sequence = shown;
     }
@@ -335,6 +339,9 @@ impl Scene {
         contents.retain(|(content, _)| !self.reflected.contains_key(content));
         contents.sort_by_key(|&(content, i)| (content, i));
         contents.dedup_by_key(|&mut (content, _)| content);
+        if contents.is_empty() {
+            return;
+        }
         contents.sort_by_key(|&(_, i)| i);
         let new: Vec<&Pattern> = contents.iter().map(|&(_, i)| &self.sequence[i]).collect();
         let p = &self.rig.projector;
@@ -468,33 +475,37 @@ impl Scene {
     }
 }
 
-/// Panel pixels whose light goes into the zone.
-fn lit_zone(rig: &Rig) -> Vec<usize> {
-    let (map, zone, p) = (rig.projector_map(), rig.zone(), &rig.projector);
-    let lit = |&i: &usize| {
-        let direction = map.direction((i % p.width_px) as f64 + 0.5, (i / p.width_px) as f64 + 0.5);
-        direction.is_some_and(|d| zone.contains(d.theta()))
-    };
-    (0..p.width_px * p.height_px).filter(lit).collect()
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reflectance::open;
 
-/// Sensor pixels that look past the mirrors at the coded patch, the panel's pixel each sees, and the share of its light that
-/// both lenses leave.
-fn border(rig: &Rig, projector: &Misaligned, camera: &Misaligned) -> Vec<(u32, u32, f32)> {
-    let Some(layout) = TagLayout::of(rig) else { return Vec::new() };
-    let (width, panel_width) = (rig.camera.width_px, rig.projector.width_px);
-    let mut seen = Vec::new();
-    for i in 0..width * rig.camera.height_px {
-        let (column, row) = ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
-        let (u, v) = projector.image(&camera.on_plane(column, row, 0.0));
-        let in_cell = |cell: &Rect| {
-            let (du, dv) = (u - cell.u0 as f64, v - cell.v0 as f64);
-            du >= 0.0 && dv >= 0.0 && du < cell.width as f64 && dv < cell.height as f64
+    const COARSE: Accuracy = Accuracy { dome_nodes: 377, lobe_nodes: 377, sectors: 32, rings_per_lobe: 1.0 };
+
+    /// Frames come out the same whether they were foreseen or not; those that were, and the dark dome before them, cost nothing more.
+    #[test]
+    fn what_was_foreseen_is_what_is_shown() {
+        let rig = Rig::from_toml(include_str!("../../optics/ghosh-2007-built.toml")).unwrap();
+        let scene = || Scene::new(&rig, TwinConfig::pinhole(1), open("ggx-0.2").unwrap(), COARSE);
+        let full = |code| Pattern::full(rig.projector.width_px, rig.projector.height_px, code);
+        let (dark, frames) = ([full(0)], [full(255), full(100)]);
+        let shown = |scene: &mut Scene| {
+            let mut rates = Vec::new();
+            for sequence in [&dark[..], &frames] {
+                scene.load(sequence);
+                rates.extend((0..sequence.len()).map(|i| scene.rates(Some(i))));
+            }
+            rates
         };
-        if layout.bits().iter().flat_map(|bit| &bit.panel).any(in_cell) {
-            let pixel = v as usize * panel_width + u as usize;
-            seen.push((i as u32, pixel as u32, camera.lens().ray(column, row).z.powi(8) as f32));
-        }
+        let (mut surprised, mut told) = (scene(), scene());
+        told.foresee(&frames);
+        assert_eq!(told.reflected.len(), frames.len() + dark.len());
+        let kept = told.reflected.clone();
+        assert!(shown(&mut told) == shown(&mut surprised));
+        assert!(told.reflected == kept && kept == surprised.reflected);
+        // Nothing is learnt of a sample that is not in place, and nothing again.
+        told.place(Placement::BlackTrap);
+        told.foresee(&frames);
+        assert!(told.reflected.is_empty());
     }
-    seen
 }
