@@ -503,7 +503,7 @@ mod tests {
         let kept = told.reflected.clone();
         assert!(shown(&mut told) == shown(&mut surprised));
         assert!(told.reflected == kept && kept == surprised.reflected);
-        // Nothing is learnt of a sample that is not in place, and nothing again.
+        // Nothing is learnt of a sample that is not in place.
         told.place(Placement::BlackTrap);
         told.foresee(&frames);
         assert!(told.reflected.is_empty());
