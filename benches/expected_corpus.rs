@@ -3,9 +3,9 @@
 //! place in different ways, once by the plan for 20 s and once adaptively. Prints the powers of `forecast::expected` by ridge
 //! regression of logarithms, its constants of materials that a family describes, and how many errors lie near what is expected.
 //!
-//! `ZONAL_CORPUS=... cargo bench --features corpus --bench expected_corpus`; `-- --every N` takes every N-th material. `-- --chance`
-//! tells instead how well the error of a material that its family describes could be foretold by somebody who knew how it is
-//! distributed: exact integrals of every fifth ABC material, eight draws of noise each.
+//! `ZONAL_CORPUS=... cargo bench --features corpus --bench expected_corpus`; `-- --every N` takes every N-th material, `-- --from K`
+//! begins with the K-th. `-- --chance` tells instead how well the error of a material that its family describes could be foretold by
+//! somebody who knew how it is distributed: exact integrals of every fifth ABC material, eight draws of noise each.
 #![allow(missing_docs)]
 
 #[path = "../tests/common/mod.rs"]
@@ -36,8 +36,10 @@ const RIDGE: f64 = 1.0;
 
 fn main() {
     let arguments: Vec<String> = std::env::args().collect();
-    let every =
-        arguments.iter().position(|a| a == "--every").map_or(1, |i| arguments[i + 1].parse().expect("a number"));
+    let number = |flag: &str| {
+        arguments.iter().position(|a| a == flag).map(|i| arguments[i + 1].parse::<usize>().expect("a number"))
+    };
+    let (every, from) = (number("--every").unwrap_or(1), number("--from").unwrap_or(0));
     let rig = common::rig("ghosh-2007-built");
     let metric = Metric::new(rig.zone());
     if arguments.iter().any(|a| a == "--chance") {
@@ -50,7 +52,7 @@ fn main() {
     let rigs: Vec<_> = RIGS.map(common::rig_out_of_place).collect();
     let rigs: Vec<_> = rigs.into_iter().map(|config| (common::calibrated(&rig, &config), config)).collect();
     let mut runs: Vec<(Signs, f64, bool)> = Vec::new();
-    for (i, (name, truth)) in materials().into_iter().enumerate().step_by(every) {
+    for (i, (name, truth)) in materials().into_iter().enumerate().skip(from).step_by(every) {
         let reference = metric.reference(truth.as_ref()).unwrap();
         let (calibration, config) = &rigs[i / 2 % rigs.len()];
         let config = TwinConfig { seed: config.seed + 100 * (i as u64 + 1), ..config.clone() };
