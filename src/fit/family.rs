@@ -39,6 +39,10 @@ pub(super) trait Family: Sync {
     fn model(&self, theta: &[f64], x: &[[f64; 3]]) -> Model;
     /// Shape parameters to start a search from, from coarse to complete cover.
     fn starts(&self) -> Vec<Vec<f64>>;
+    /// Where to search once more when a search has ended at `theta`: valleys apart from it that look alike from the zone.
+    fn rivals(&self, _theta: &[f64]) -> Vec<Vec<f64>> {
+        Vec::new()
+    }
     /// Brings `theta` to a standard order where several values mean the same.
     fn ordered(&self, theta: &[f64]) -> Vec<f64> {
         theta.to_vec()
@@ -149,21 +153,30 @@ fn pairs(values: &[f64]) -> Vec<(f64, f64)> {
 
 /// One ABC lobe on a diffuser.
 ///
-/// In place of `b` and `c`, which trade against each other for sharp lobes, the search uses the angle theta_h at which the
-/// distribution has fallen to a half, and `c`.
+/// In place of `b` and `c`, which trade against each other for sharp lobes, the search uses the angle theta_h at which 1 + b t has
+/// grown to 2^(1 / (c + 1/4)), and `c`. Without the quarter that is where the distribution has fallen to a half, which the long tails
+/// of fabrics, c of some hundredths, never do.
 pub(super) struct AbcFamily;
 
-/// 1 - cos(theta_h) at half height, from the width in radians.
+const TAIL: f64 = 0.25;
+
+/// `b` from the width in radians.
 fn abc_b(width: f64, c: f64) -> f64 {
-    (2f64.powf(1.0 / c) - 1.0) / (1.0 - width.cos())
+    (2f64.powf(1.0 / (c + TAIL)) - 1.0) / (1.0 - width.cos())
 }
+
+/// Index of refraction from which on there are two valleys: up to the dome's angles, the Fresnel reflectance of 4 changes as little
+/// as that of a perfect mirror, and between them it falls towards its Brewster angle.
+const METAL: f64 = 2.5;
+/// A start in each of the two.
+const METALS: [f64; 2] = [4.0, 40.0];
 
 impl Family for AbcFamily {
     fn shape(&self) -> Vec<ShapeParameter> {
         vec![
             ShapeParameter { name: "width_rad", range: [0.0005, 1.5], origin: 0.0 },
-            ShapeParameter { name: "c", range: [0.1, 50.0], origin: 0.0 },
-            ShapeParameter { name: "ior", range: [1.01, 8.0], origin: 1.0 },
+            ShapeParameter { name: "c", range: [0.01, 50.0], origin: 0.0 },
+            ShapeParameter { name: "ior", range: [1.01, 100.0], origin: 1.0 },
         ]
     }
 
@@ -183,8 +196,8 @@ impl Family for AbcFamily {
         let b = abc_b(width, c);
         // d ln b by ln width and by ln c.
         let b_by_width = -width * width.sin() / (1.0 - width.cos());
-        let doubled = 2f64.powf(1.0 / c);
-        let b_by_c = -std::f64::consts::LN_2 / c * doubled / (doubled - 1.0);
+        let grown = 2f64.powf(1.0 / (c + TAIL));
+        let b_by_c = -std::f64::consts::LN_2 * c / (c + TAIL).powi(2) * grown / (grown - 1.0);
         let slopes = forward.project(|n| {
             let [by_b, by_c, by_ior] = abc_lobe_slopes(b, c, ior, [n.wi.z, n.wo.z], n.h.z, n.wo.dot(&n.h));
             [b * b_by_width * by_b, b * b_by_c * by_b + c * by_c, (ior - 1.0) * by_ior]
@@ -198,8 +211,12 @@ impl Family for AbcFamily {
 
     fn starts(&self) -> Vec<Vec<f64>> {
         let widths = geometric(0.003, 0.4, 6);
-        let tails = [0.5, 1.2, 3.0];
+        let tails = [0.15, 0.5, 1.2, 3.0];
         widths.into_iter().flat_map(|w| tails.map(|c| vec![w, c, 1.5])).collect()
+    }
+
+    fn rivals(&self, theta: &[f64]) -> Vec<Vec<f64>> {
+        if theta[2] < METAL { Vec::new() } else { METALS.map(|ior| vec![theta[0], theta[1], ior]).into() }
     }
 }
 

@@ -56,6 +56,15 @@ pub(super) fn search(family: &dyn Family, likelihood: &Likelihood<'_>) -> Minimu
     let best = costs.min_by(|a, b| a.1.total_cmp(&b.1)).expect("a family has starts");
     let mut minimum = search_from(family, likelihood, &best.0);
     minimum.evaluations += tried;
+    for start in family.rivals(&minimum.theta) {
+        let rival = polish(family, likelihood, &start);
+        let evaluations = minimum.evaluations + rival.evaluations;
+        let explained = minimum.solution.chi2 - rival.solution.chi2;
+        if explained > SIGNIFICANT * (minimum.solution.chi2 / likelihood.len().max(1) as f64).max(1.0) {
+            minimum = rival;
+        }
+        minimum.evaluations = evaluations;
+    }
     minimum
 }
 
@@ -97,6 +106,9 @@ pub(super) fn polish(family: &dyn Family, likelihood: &Likelihood<'_>, start: &[
     Minimum { theta, columns, solution, evaluations: report.number_of_evaluations, termination }
 }
 
+/// Chi squared by which a rival must be better, in units of what is left for each datum: three standard errors. What noise decides
+/// would change the model from one run to the next.
+const SIGNIFICANT: f64 = 9.0;
 /// A relative change of chi squared below this ends the search: noise moves it by far more.
 const CHI2_TOLERANCE: f64 = 1e-7;
 /// The same of the search variables, which standard errors of the best data do not reach.
