@@ -158,9 +158,10 @@ fn pairs(values: &[f64]) -> Vec<(f64, f64)> {
 /// of fabrics, c of some hundredths, never do.
 pub(super) struct AbcFamily;
 
+/// The quarter, added to c.
 const TAIL: f64 = 0.25;
 
-/// `b` from the width in radians.
+/// `b` from the width in radians, for t = 1 - cos(theta_h).
 fn abc_b(width: f64, c: f64) -> f64 {
     (2f64.powf(1.0 / (c + TAIL)) - 1.0) / (1.0 - width.cos())
 }
